@@ -455,6 +455,22 @@ export class Client {
     this.#open().changeStream(choice);
   }
 
+  get cellGrid() {
+    return this.#member.cellGrid;
+  }
+
+  get cells() {
+    return this.#member.cells;
+  }
+
+  takeCells(cells) {
+    this.#open().takeCells(cells);
+  }
+
+  takeCellsAround(point, bands) {
+    this.#open().takeCellsAround(point, bands);
+  }
+
   setTierPolicy(policy) {
     this.#open().setTierPolicy(policy);
   }

@@ -23,6 +23,8 @@ const STREAM = 2;
 const GRAVITY = 3;
 const DIGEST = 4;
 const AUTHORITY = 5;
+const CELL_GRID = 6;
+const CELLS = 7;
 
 const DELAY = 0;
 const LEAD = 1;
@@ -290,6 +292,24 @@ export class Member {
   changeStream(choice) {
     give(choice);
     answer(module().change_stream(this.#handle));
+  }
+
+  get cellGrid() {
+    return found(module().state(this.#handle, CELL_GRID));
+  }
+
+  get cells() {
+    return found(module().state(this.#handle, CELLS));
+  }
+
+  takeCells(cells) {
+    give({ cells });
+    answer(module().take_cells(this.#handle));
+  }
+
+  takeCellsAround(point, bands) {
+    give({ point, bands });
+    answer(module().take_cells(this.#handle));
   }
 
   setTierPolicy(policy) {

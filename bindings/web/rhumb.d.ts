@@ -44,6 +44,29 @@ export type StreamChoice =
   | "changed"
   | { readonly within: Tolerance; readonly budget?: number | { readonly bytesPerSecond: number; readonly burst: number } };
 
+/** Places of a cell along x, y and z: from place times edge to place + 1 times edge; 0 along an axis that is not divided. */
+export type Cell = readonly [x: number, y: number, z: number];
+
+/** All cells within a distance of a point, metres to the nearest point of a cell, and their streams. */
+export interface CellBand {
+  readonly radius: number;
+  readonly stream: StreamChoice;
+}
+
+/** A cell to take, and its stream. */
+export interface CellChoice {
+  readonly cell: Cell;
+  readonly stream: StreamChoice;
+}
+
+/** A cell that is taken. The next call that takes cells asks again for one that was denied. */
+export interface TakenCell {
+  readonly cell: Cell;
+  readonly state: "awaited" | "shown" | "denied";
+  /** Why it is denied: `noSuchScene` is a cell that the grid has not, `tooManyStreams` one cell or one stream too many. */
+  readonly denial?: DenialCode;
+}
+
 /** The streams that the server may move this client to when its link is congested: none, or tolerances up to a length. */
 export type TierPolicy = "never" | { readonly upTo: number };
 
@@ -107,6 +130,11 @@ export interface JoinOptions {
   readonly mode?: JoinMode;
   /** Default: within 5 cm. */
   readonly stream?: StreamChoice;
+  /**
+   * Take the scene by cells, if its server divides it: see {@link Client.takeCellsAround}. The stream above is then of the
+   * bodies that are in no cell. Default: false.
+   */
+  readonly cells?: boolean;
   /** Free running only: ticks that the view stays behind the server's clock, 0 to 3,600. Default: 0, prediction covers the delay. */
   readonly delayTicks?: number;
   /** Free running only: ticks ahead of the server's clock at which bodies under authority are published, 0 to 3,600. Default: 0. */
@@ -250,6 +278,24 @@ export class Client {
    * present one, and no tick is missed.
    */
   changeStream(choice: StreamChoice): void;
+  /**
+   * Edges of the scene's cells along x, y and z, metres; 0 along an axis that is not divided. Undefined for a scene that is not
+   * divided, and for one that was joined without {@link JoinOptions.cells}.
+   */
+  readonly cellGrid: Vec3 | undefined;
+  /** The cells that are taken, and what has become of each. */
+  readonly cells: readonly TakenCell[];
+  /**
+   * Takes the cells around a point and no others: each by the stream of the first band that reaches it, the nearest first. Call
+   * it as the point moves: what is taken already costs nothing. It does not wait.
+   *
+   * The view has the bodies of these cells, each once, and those that are in no cell: bodies larger than half an edge, such as
+   * floors. A body that leaves the cells is among {@link View.removed}, and no event tells of it: it was not removed from the
+   * scene. Throws for a scene that is not divided, and for more than 256 cells.
+   */
+  takeCellsAround(point: Vec3, bands: readonly CellBand[]): void;
+  /** Takes these cells and no others. */
+  takeCells(cells: readonly CellChoice[]): void;
   /** Sets the tiers that the server may choose for this client. Default of a server: up to 0.2 m. */
   setTierPolicy(policy: TierPolicy): void;
   /** Changes {@link JoinOptions.delayTicks}. */
@@ -393,7 +439,7 @@ export interface View {
   readonly resting: Uint8Array;
   /** Places whose pose differs from that of the view before, each once. */
   readonly changed: Uint32Array;
-  /** Bodies that were removed since the view before. */
+  /** Bodies of the view before that are not in this one: removed, or in no cell that is taken. */
   readonly removed: Float64Array;
   /** Tick of each body's last update; zero while the client resumes. Computed when read. */
   readonly updateTicks: Float64Array;

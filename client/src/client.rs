@@ -14,7 +14,7 @@ use std::collections::VecDeque;
 use std::time::Duration;
 
 use rhumb_protocol::message::{Denial, Inspection, StreamChoice};
-use rhumb_protocol::scene::{BodyBuilder, Command, IdRange, SceneConfig, Stepping};
+use rhumb_protocol::scene::{BodyBuilder, BodyDesc, Command, IdRange, SceneConfig, Stepping};
 use rhumb_protocol::session::{CloseCode, Event, Misuse, Replica};
 use rhumb_protocol::stream::{ErrorBound, Subscriber};
 use rhumb_protocol::{Ending, Instant};
@@ -126,19 +126,27 @@ impl Client {
         self.live_view.config()
     }
 
-    /// The view as of the last call that computed it.
+    /// The view as of the last call that computed it. A member by cells has there what it takes, and what is in no cell:
+    /// each body once, and all of one moment.
     #[must_use]
     pub const fn view(&self) -> &View {
         self.live_view.view()
     }
 
-    /// The copy of the scene: shapes, bodies, tracks.
+    /// The copy of the scene: shapes, bodies, tracks. That of a member by cells has the bodies that are in no cell;
+    /// [`Self::body`] has those of its cells too.
     #[must_use]
     pub const fn replica(&self) -> Option<&Replica> {
         self.pump.session.replica()
     }
 
-    /// The stream that the copy follows now.
+    /// The descriptor of a body, as of the newest news; `None` for a body that this client does not have.
+    #[must_use]
+    pub fn body(&self, id: BodyId) -> Option<BodyDesc> {
+        self.pump.session.body(id)
+    }
+
+    /// The stream that the copy follows now; cells have streams of their own.
     #[must_use]
     pub fn stream(&self) -> Option<StreamChoice> {
         self.replica().map(Replica::choice)
@@ -168,24 +176,23 @@ impl Client {
     /// network's delay and a little more gives a finite bound. Nor is one known while the client resumes its session.
     #[must_use]
     pub fn error_bound(&self, id: BodyId) -> Option<ErrorBound> {
-        let stream = self.replica().map(Replica::stream);
-        self.view().error_bound(stream, id)
+        self.live_view.error_bound(&self.pump.session, id)
     }
 
     /// The bound of each body of the view, in its order: see [`Self::error_bound`].
     pub fn error_bounds(&self) -> impl Iterator<Item = ErrorBound> {
-        let stream = self.replica().map(Replica::stream);
-        self.view().error_bounds(stream)
+        self.live_view.error_bounds(&self.pump.session)
     }
 
     /// Bound on the error of what is known of a body at a tick, whatever the view shows: that of its track. `None` for a
     /// body that the copy does not have.
     #[must_use]
     pub fn tick_error_bound(&self, id: BodyId, tick: Tick) -> Option<ErrorBound> {
-        match self.replica() {
-            Some(replica) => replica.stream().bound_at(id, tick),
-            None => self.view().error_bound(None, id),
+        if self.replica().is_none() {
+            return self.error_bound(id);
         }
+        let (copy, local) = self.pump.session.copy_of(id)?;
+        copy.stream().bound_at(local, tick)
     }
 
     /// Requests an inspection of the scene, and waits for the answer. A scene that stands still answers, too.
@@ -454,6 +461,9 @@ impl Client {
         if let Some(replica) = self.pump.session.replica_mut() {
             replica.stream_mut().forget_before(tick);
         }
+        for (_, copy) in self.pump.session.cells_mut() {
+            copy.stream_mut().forget_before(tick);
+        }
         self.report_refusals()?;
         Ok(tick)
     }
@@ -669,8 +679,8 @@ impl Client {
             return complete;
         };
         // In lockstep, a body is shown from the tick after the one at which it was placed.
-        let replica = self.replica();
-        let track = replica.and_then(|replica| replica.stream().track(*id));
+        let copy = self.pump.session.copy_of(*id);
+        let track = copy.and_then(|(copy, local)| copy.stream().track(local));
         match (self.config().stepping, track) {
             (Stepping::Lockstep, Some(track)) => complete.max(track.origin),
             _ => complete,
@@ -694,10 +704,9 @@ impl Client {
         self.upstream_clock.note(event);
         #[cfg(feature = "local")]
         self.note_fed(event);
-        let replica = self.pump.session.replica();
-        self.contacts.note(event, |id| {
-            replica.is_some_and(|replica| replica.stream().body(id.index()) == Some(id))
-        });
+        let session = &self.pump.session;
+        self.contacts
+            .note(event, |id| session.copy_of(id).is_some());
         match *event {
             Event::ClockSeen { .. } => return false,
             Event::Inspected(inspection) => {

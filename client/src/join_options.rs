@@ -18,7 +18,7 @@ pub struct JoinOptions {
     /// The stream to subscribe to.
     pub stream: StreamChoice,
     /// Take the scene by cells, if its server divides it: see [`Client::take_cells`](crate::Client::take_cells). The view then
-    /// has what is in no cell, such as floors. Default: the whole scene.
+    /// has the bodies of the cells that are taken, and those that are in none, such as floors. Default: the whole scene.
     pub cells: bool,
     /// Free running only: how many ticks the view stays behind the newest tick that the server can have published,
     /// which is its clock less the scene's lookahead. At zero, prediction covers all of the network's delay, and no bound is

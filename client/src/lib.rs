@@ -83,7 +83,7 @@ pub use rhumb_protocol::message::{
     AuthorityError, Denial, Inspection, InvalidToken, QueryError, QueryResult, RemovalCause,
     StageTimes, StreamChoice, TierChangeCause, TierPolicy,
 };
-pub use rhumb_protocol::session::{CloseCode, Event, Misuse, Replica};
+pub use rhumb_protocol::session::{CellState, CloseCode, Event, Misuse, Replica};
 pub use rhumb_protocol::stream::{
     Budget, ErrorBound, PublisherStatistics, Subscriber, SubscriberStatistics,
 };
@@ -95,9 +95,8 @@ pub use rhumb_reckoning::{
 #[cfg(feature = "local")]
 pub use rhumb_scene::{Checkpoint, CheckpointError, FedRequest, FedVelocities, Peer};
 pub use rhumb_view::{
-    BodyCentres, CellPlace, CellViews, DEPTH_MAX, InvalidTicks, JoinMode, PipelineDepth,
-    RESUME_WITHIN, RefusalReason, RefusedRequest, RenderParams, RenderTime, SHIFT_TICKS_MAX,
-    TouchingPair, View,
+    BodyCentres, DEPTH_MAX, InvalidTicks, JoinMode, PipelineDepth, RESUME_WITHIN, RefusalReason,
+    RefusedRequest, RenderParams, RenderTime, SHIFT_TICKS_MAX, TouchingPair, View,
 };
 #[cfg(feature = "queries")]
 pub use rhumb_view::{CopyAnswer, CopyQueries};

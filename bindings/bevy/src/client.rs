@@ -103,7 +103,7 @@ impl RhumbClient {
         }
     }
 
-    /// The client, for what this type does not offer: queries, authority, streams, statistics.
+    /// The client, for what this type does not offer: queries, authority, streams, cells, statistics.
     ///
     /// A call that waits for the server makes the frame wait too. The plug-in takes the client's events.
     pub fn inner(&mut self) -> &mut Client {
@@ -150,8 +150,8 @@ impl RhumbClient {
     /// The shape of a body, in the axes of its entity; `None` for a body that the client's copy does not have.
     #[must_use]
     pub fn shape(&mut self, id: BodyId) -> Option<&Shape> {
-        let replica = self.client.get().replica()?;
-        replica.shape(replica.body(id)?.shape)
+        let client = self.client.get();
+        client.replica()?.shape(client.body(id)?.shape)
     }
 
     /// How far any point of a body may be from its true place in the state that [`RhumbState`] has; `None` for a body

@@ -21,6 +21,7 @@ use serde_json::{Value, json};
 use crate::argument::{Argument, AskedFields, Failure, body_of, id_number};
 use crate::member::Columns;
 use crate::member::{MemberOptions, WebMember};
+use crate::scene_argument::CellArguments;
 
 // JavaScript reads these as plain numbers in a row.
 const _: () = assert!(size_of::<Vec3>() == 12 && size_of::<Quat>() == 16);
@@ -214,9 +215,9 @@ pub extern "C" fn generation(member: u32) -> u32 {
 pub extern "C" fn column(member: u32, column: u32) -> *const u8 {
     let place = with(member, |member| {
         match column {
-            6 => member.compute(|columns, replica, _| columns.compute_update_ticks(replica)),
+            6 => member.compute(Columns::compute_update_ticks),
             7 => member.compute(Columns::compute_error_bounds),
-            8 => member.compute(|columns, replica, _| columns.compute_tolerances(replica)),
+            8 => member.compute(Columns::compute_tolerances),
             _ => {}
         }
         let columns = member.columns()?;
@@ -306,7 +307,8 @@ pub extern "C" fn track(member: u32, body: f64) -> u32 {
     found(with(member, |member| member.track_json(body_of(body)?)).flatten())
 }
 
-/// A part of a member's state as JSON: 0 joints, 1 config, 2 stream, 3 gravity, 4 digest, 5 bodies under authority.
+/// A part of a member's state as JSON: 0 joints, 1 config, 2 stream, 3 gravity, 4 digest, 5 bodies under authority, 6 the edges
+/// of cells, 7 the cells that are taken.
 #[unsafe(no_mangle)]
 pub extern "C" fn state(member: u32, part: u32) -> u32 {
     let json = with(member, |member| match part {
@@ -316,6 +318,8 @@ pub extern "C" fn state(member: u32, part: u32) -> u32 {
         3 => member.gravity_json(),
         4 => member.digest_json(),
         5 => Some(member.authority_json()),
+        6 => member.grid_json(),
+        7 => Some(member.cells_json()),
         _ => None,
     });
     found(json.flatten())
@@ -340,6 +344,13 @@ pub extern "C" fn resume_within(member: u32) -> f64 {
 pub extern "C" fn change_stream(member: u32) -> u32 {
     let choice = read("stream", scene_argument::stream);
     done(choice.and_then(|choice| call(member, |member| member.change_stream(choice))))
+}
+
+/// Takes the cells in the input: `cells` with their streams, or those around a `point` by `bands`.
+#[unsafe(no_mangle)]
+pub extern "C" fn take_cells(member: u32) -> u32 {
+    let cells = read("options", CellArguments::read);
+    done(cells.and_then(|cells| call(member, |member| member.take_cells(&cells))))
 }
 
 /// Sets the tier policy in the input.

@@ -9,7 +9,7 @@ use glam::{Quat, Vec3};
 use rhumb_protocol::message::{SessionKey, StreamChoice, TierPolicy, Token};
 use rhumb_protocol::packet::LargestPacket;
 use rhumb_protocol::scene::{
-    BodyBuilder, BodyKind, Command, IdRange, Invalid, Query, SceneName, Stepping,
+    BodyBuilder, BodyKind, CellGrid, Command, IdRange, Invalid, Query, SceneName, Stepping,
 };
 use rhumb_protocol::session::{ClientSession, CloseCode, Event, Misuse, Replica};
 use rhumb_protocol::stream::Subscriber;
@@ -22,7 +22,7 @@ use rhumb_view::{
 use serde_json::{Value, json};
 
 use crate::argument::{Argument, Failure, id_number, object};
-use crate::scene_argument::{JoinArguments, session_key};
+use crate::scene_argument::{CellArguments, JoinArguments, session_key};
 use crate::scene_json;
 
 /// The one peer of a client.
@@ -75,7 +75,10 @@ impl WebMember {
         }
         Self {
             session,
-            joining: Some(Joining::new(join.mode, join.stream, key)),
+            joining: Some(match join.cells {
+                true => Joining::new(join.mode, join.stream, key).by_cells(),
+                false => Joining::new(join.mode, join.stream, key),
+            }),
             options: join,
             joined: None,
             events: Vec::new(),
@@ -158,6 +161,7 @@ impl WebMember {
         if let Some(joined) = &mut self.joined {
             joined.live_view.note(event);
             joined.upstream_clock.note(event);
+            joined.columns.centres.note(event);
             joined.columns.described_anew |= matches!(
                 event,
                 Event::BodyPlaced(_) | Event::SubscriptionChanged(_) | Event::Resumed(_)
@@ -229,7 +233,7 @@ impl WebMember {
     }
 
     fn complete(&self) -> Tick {
-        self.stream().map_or(Tick::ZERO, Subscriber::complete)
+        self.session.complete().unwrap_or_default()
     }
 
     pub(crate) fn complete_tick(&self) -> f64 {
@@ -247,9 +251,7 @@ impl WebMember {
     pub(crate) fn poll(&mut self, now: Instant) -> Option<f64> {
         let (joined, session) = self.joined().ok()?;
         let at = joined.live_view.show_present(session, now);
-        joined
-            .columns
-            .update(joined.live_view.view(), session.replica());
+        joined.columns.update(&joined.live_view, session);
         Some(at.ticks())
     }
 
@@ -284,28 +286,27 @@ impl WebMember {
     }
 
     /// Computes the columns that are not computed with each view.
-    pub(crate) fn compute(&mut self, column: fn(&mut Columns, Option<&Replica>, &View)) {
+    pub(crate) fn compute(&mut self, column: fn(&mut Columns, &LiveView, &ClientSession)) {
         if let Some(joined) = &mut self.joined {
-            let replica = self.session.replica();
-            column(&mut joined.columns, replica, joined.live_view.view());
+            column(&mut joined.columns, &joined.live_view, &self.session);
         }
     }
 
     pub(crate) fn error_bound(&self, id: BodyId) -> Option<f64> {
-        let view = self.live_view()?.view();
-        Some(view.error_bound(self.stream(), id)?.metres())
+        let bound = self.live_view()?.error_bound(&self.session, id)?;
+        Some(bound.metres())
     }
 
     pub(crate) fn tick_error_bound(&self, id: BodyId, tick: Tick) -> Option<f64> {
-        let bound = match self.stream() {
-            Some(stream) => stream.bound_at(id, tick),
-            None => self.live_view()?.view().error_bound(None, id),
-        };
-        Some(bound?.metres())
+        if self.replica().is_none() {
+            return self.error_bound(id);
+        }
+        let (copy, local) = self.session.copy_of(id)?;
+        Some(copy.stream().bound_at(local, tick)?.metres())
     }
 
     pub(crate) fn body_json(&self, id: BodyId) -> Option<Value> {
-        Some(scene_json::body(&self.replica()?.body(id)?))
+        Some(scene_json::body(&self.session.body(id)?))
     }
 
     pub(crate) fn shape_json(&self, number: u32) -> Option<Value> {
@@ -316,17 +317,36 @@ impl WebMember {
     }
 
     pub(crate) fn track_json(&self, id: BodyId) -> Option<Value> {
-        let stream = self.stream()?;
-        let track = stream.track(id)?;
+        let (copy, local) = self.session.copy_of(id)?;
+        let track = copy.stream().track(local)?;
         // At its origin the prediction is the published state.
-        let state = stream.published_motion(id)?;
+        let state = copy.stream().published_motion(local)?;
         Some(scene_json::track(&track, &state))
     }
 
     pub(crate) fn joints_json(&self) -> Option<Value> {
-        let joints = self.replica()?.joints().iter();
-        let pairs = joints.map(|(id, joint)| json!([id.0, scene_json::joint(joint)]));
+        let of_cells = self.session.cells().map(|(_, copy)| copy);
+        let copies = std::iter::once(self.replica()?).chain(of_cells);
+        let joints = copies.flat_map(|copy| copy.joints().iter().map(move |of| (copy, of)));
+        let pairs = joints.map(|(copy, (id, joint))| {
+            let mut joint = *joint;
+            let named = |body| copy.id_in_scene(body).unwrap_or(body);
+            joint.bodies = joint.bodies.map(named);
+            json!([id.0, scene_json::joint(&joint)])
+        });
         Some(pairs.collect())
+    }
+
+    /// The edges of the grid of the scene's cells.
+    pub(crate) fn grid_json(&self) -> Option<Value> {
+        Some(json!(self.session.cell_grid()?.edges()))
+    }
+
+    /// The cells that are taken, and what has become of each.
+    pub(crate) fn cells_json(&self) -> Value {
+        let cells = self.session.taken_cells();
+        let each = cells.map(|(cell, state)| scene_json::taken_cell(cell, state));
+        each.collect()
     }
 
     pub(crate) fn config_json(&self) -> Option<Value> {
@@ -390,6 +410,11 @@ impl WebMember {
 
     pub(crate) fn change_stream(&mut self, choice: StreamChoice) -> Result<(), Failure> {
         Ok(self.session.subscribe(choice)?)
+    }
+
+    pub(crate) fn take_cells(&mut self, cells: &CellArguments) -> Result<(), Failure> {
+        let grid = self.session.cell_grid().ok_or(Misuse::NotDivided)?;
+        Ok(self.session.take_cells(&cells.of(grid)?)?)
     }
 
     pub(crate) fn set_tier_policy(&mut self, policy: TierPolicy) -> Result<(), Failure> {
@@ -517,8 +542,7 @@ impl Membership {
 
     fn show(&mut self, session: &mut ClientSession, now: Instant, at: RenderTime, smooth: bool) {
         self.live_view.show(session, now, at, smooth);
-        self.columns
-            .update(self.live_view.view(), session.replica());
+        self.columns.update(&self.live_view, session);
     }
 }
 
@@ -583,8 +607,8 @@ pub(crate) struct Columns {
 }
 
 impl Columns {
-    fn put_origins(&mut self, view: &View) {
-        self.centres.forget(view.removed());
+    fn put_origins(&mut self, view: &View, grid: Option<CellGrid>) {
+        self.centres.forget(view, grid);
         self.origins.clear();
         if !self.centres.is_empty() {
             let bodies = view
@@ -600,7 +624,8 @@ impl Columns {
     }
 
     /// Follows the view; costs little unless bodies came or went.
-    pub(crate) fn update(&mut self, view: &View, replica: Option<&Replica>) {
+    pub(crate) fn update(&mut self, live_view: &LiveView, session: &ClientSession) {
+        let view = live_view.view();
         self.resting.clear();
         self.resting
             .extend(view.resting().iter().map(|rests| u8::from(*rests)));
@@ -610,13 +635,12 @@ impl Columns {
         self.removed.clear();
         self.removed
             .extend(view.removed().iter().map(|id| id_number(*id)));
-        self.put_origins(view);
+        self.put_origins(view, session.cell_grid());
         // A delayed view comes to a change of a body later than its description.
-        let stream = replica.map(Replica::stream);
-        let was_changing = std::mem::replace(
-            &mut self.changing,
-            stream.is_some_and(Subscriber::is_changing),
-        );
+        let of_cells = session.cells().map(|(_, copy)| copy);
+        let mut copies = session.replica().into_iter().chain(of_cells);
+        let is_changing = copies.any(|copy| copy.stream().is_changing());
+        let was_changing = std::mem::replace(&mut self.changing, is_changing);
         let same = self.known == view.ids() && !was_changing && !self.changing;
         if same && !std::mem::take(&mut self.described_anew) {
             return;
@@ -629,9 +653,8 @@ impl Columns {
         self.described_anew = false;
         self.shapes.clear();
         self.kinds.clear();
-        let tick = view.time().map_or(Tick::ZERO, |at| at.tick);
         for id in &self.known {
-            let desc = replica.and_then(|replica| replica.body_at(*id, tick));
+            let desc = live_view.body(session, *id);
             self.shapes.push(desc.map_or(u32::MAX, |desc| desc.shape.0));
             self.kinds.push(match desc.map(|desc| desc.kind) {
                 Some(BodyKind::Dynamic) => 1,
@@ -641,29 +664,29 @@ impl Columns {
         }
     }
 
-    pub(crate) fn compute_update_ticks(&mut self, replica: Option<&Replica>) {
+    pub(crate) fn compute_update_ticks(&mut self, live_view: &LiveView, session: &ClientSession) {
         self.update_ticks.clear();
         self.update_ticks.extend(self.known.iter().map(|id| {
-            let track = replica.and_then(|replica| replica.stream().track(*id));
+            let copy = live_view.copy_of(session, *id);
+            let track = copy.and_then(|(copy, local)| copy.stream().track(local));
             track.map_or(0.0, |track| track.origin.value() as f64)
         }));
     }
 
-    pub(crate) fn compute_error_bounds(&mut self, replica: Option<&Replica>, view: &View) {
+    pub(crate) fn compute_error_bounds(&mut self, live_view: &LiveView, session: &ClientSession) {
         self.error_bounds.clear();
-        let bounds = view.error_bounds(replica.map(Replica::stream));
+        let bounds = live_view.error_bounds(session);
         self.error_bounds
             .extend(bounds.map(|bound| bound.metres() as f32));
     }
 
-    pub(crate) fn compute_tolerances(&mut self, replica: Option<&Replica>) {
-        // A choice that is exact has none.
-        let stream = replica
-            .filter(|replica| !replica.choice().is_exact())
-            .map(Replica::stream);
+    pub(crate) fn compute_tolerances(&mut self, live_view: &LiveView, session: &ClientSession) {
         self.tolerances.clear();
         self.tolerances.extend(self.known.iter().map(|id| {
-            let metres = match stream.and_then(|stream| stream.tolerance_of(*id)) {
+            // A choice that is exact has none.
+            let copy = live_view.copy_of(session, *id);
+            let copy = copy.filter(|(copy, _)| !copy.choice().is_exact());
+            let metres = match copy.and_then(|(copy, local)| copy.stream().tolerance_of(local)) {
                 Some(
                     Tolerance::Surface(length)
                     | Tolerance::Parts {

@@ -3,16 +3,18 @@
 //! The words are those of `rhumb.d.ts`. Numbers are checked by the protocol when a command is queued.
 
 use core::num::NonZeroU32;
+use std::collections::BTreeMap;
 
 use glam::{Quat, Vec3};
 use rhumb_protocol::limits::{HITS_MAX, JOINTS_MAX, SHAPES_MAX};
 use rhumb_protocol::message::{SessionKey, StreamChoice, TierPolicy};
 use rhumb_protocol::scene::{
-    BodyBuilder, BodyDesc, BodyKind, CollisionGroups, Command, Compound, Edges, Heights, Hull,
-    Joint, JointFrame, JointId, JointKind, JointLimits, JointStrength, LockedAxes, Mass, Material,
-    Mesh, Motor, Part, PublishSchedule, Query, QueryFilter, QueryKind, SceneConfig, Shape, ShapeId,
-    Sleep, SleepThresholds, Spring, Stepping,
+    BodyBuilder, BodyDesc, BodyKind, Cell, CellGrid, CollisionGroups, Command, Compound, Edges,
+    Heights, Hull, Joint, JointFrame, JointId, JointKind, JointLimits, JointStrength, LockedAxes,
+    Mass, Material, Mesh, Motor, Part, PublishSchedule, Query, QueryFilter, QueryKind, SceneConfig,
+    Shape, ShapeId, Sleep, SleepThresholds, Spring, Stepping,
 };
+use rhumb_protocol::session::Misuse;
 use rhumb_protocol::stream::Budget;
 use rhumb_reckoning::{
     BodyId, BodyState, Damping, Integrator, LengthBound, Metres, Radians, Rate, Ticks, Tolerance,
@@ -441,6 +443,8 @@ fn filter(from: &Argument<'_>) -> Result<QueryFilter, Failure> {
 pub(crate) struct JoinArguments {
     pub(crate) mode: JoinMode,
     pub(crate) stream: StreamChoice,
+    /// Whether the scene is taken by cells.
+    pub(crate) cells: bool,
     pub(crate) view: ViewOptions,
     pub(crate) lead_ticks: f64,
 }
@@ -465,6 +469,7 @@ impl JoinArguments {
                 None => StreamChoice::Within(Tolerance::NORMAL),
                 Some(from) => stream(&from)?,
             },
+            cells: flag("cells")?.unwrap_or_default(),
             view: ViewOptions {
                 delay_ticks: ticks("delayTicks")?,
                 whole_ticks: flag("wholeTicks")?.unwrap_or_default(),
@@ -472,6 +477,53 @@ impl JoinArguments {
             },
             lead_ticks: ticks("leadTicks")?,
         })
+    }
+}
+
+/// Cells to take.
+#[derive(Debug)]
+pub(crate) enum CellArguments {
+    /// Those around a point, by bands.
+    Around(Vec3, Vec<(Metres, StreamChoice)>),
+    These(BTreeMap<Cell, StreamChoice>),
+}
+
+impl CellArguments {
+    pub(crate) fn read(from: &Argument<'_>) -> Result<Self, Failure> {
+        let Some(cells) = from.optional("cells") else {
+            let bands = from.field("bands")?.each(|band| {
+                let radius = band.field("radius")?;
+                let metres = radius.number()?;
+                match (0.0..f64::INFINITY).contains(&metres) {
+                    true => Ok((Metres::new(metres), stream(&band.field("stream")?)?)),
+                    false => Err(radius.wrong("metres, 0 or more")),
+                }
+            });
+            return Ok(Self::Around(from.vector_of("point")?, bands?));
+        };
+        let cells = cells.each(|chosen| {
+            let places = chosen.field("cell")?;
+            let wrong = || places.wrong("three whole numbers");
+            let whole = |place: Argument<'_>| {
+                let limit = i64::from(Cell::PLACE_MAX);
+                place.whole(-limit, limit).map(|place| place as i32)
+            };
+            let each: Vec<i32> = places.items()?.map(whole).collect::<Result<_, _>>()?;
+            let places = each.try_into().map_err(|_| wrong())?;
+            Ok((Cell(places), stream(&chosen.field("stream")?)?))
+        });
+        Ok(Self::These(cells?.into_iter().collect()))
+    }
+
+    /// The cells, with the streams that are chosen for them.
+    pub(crate) fn of(&self, grid: CellGrid) -> Result<BTreeMap<Cell, StreamChoice>, Misuse> {
+        match self {
+            Self::Around(point, bands) => {
+                let cells = grid.within(*point, bands);
+                cells.ok_or(Misuse::TooManyCells)
+            }
+            Self::These(cells) => Ok(cells.clone()),
+        }
     }
 }
 

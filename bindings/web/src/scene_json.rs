@@ -6,10 +6,11 @@ use rhumb_protocol::message::{
     FaultCause, Inspection, QueryResult, RemovalCause, StreamChoice, TierChangeCause,
 };
 use rhumb_protocol::scene::{
-    Answer, BodyDesc, BodyEvent, BodyKind, CollisionGroups, Contact, Edges, Joint, JointFrame,
-    JointKind, JointLimits, LockedAxes, Mass, Material, SceneConfig, Shape, Sleep, Stepping,
+    Answer, BodyDesc, BodyEvent, BodyKind, Cell, CollisionGroups, Contact, Edges, Joint,
+    JointFrame, JointKind, JointLimits, LockedAxes, Mass, Material, SceneConfig, Shape, Sleep,
+    Stepping,
 };
-use rhumb_protocol::session::{CloseCode, Event, TransportCode};
+use rhumb_protocol::session::{CellState, CloseCode, Event, TransportCode};
 use rhumb_reckoning::{
     Anchor, BodyId, Damping, Motion, Predictor, Tolerance, ToleranceScale, Track,
 };
@@ -27,6 +28,15 @@ fn rotation(rotation: Quat) -> Value {
 
 fn points(points: &[Vec3]) -> Vec<f32> {
     points.iter().flat_map(Vec3::to_array).collect()
+}
+
+pub(crate) fn taken_cell(cell: Cell, state: CellState) -> Value {
+    let (state, denial) = match state {
+        CellState::Awaited => ("awaited", None),
+        CellState::Shown => ("shown", None),
+        CellState::Denied(denial) => ("denied", Some(denial_code(denial))),
+    };
+    object!({"cell": cell.0, "state": state, "denial": denial})
 }
 
 pub(crate) fn shape(shape: &Shape) -> Value {

@@ -1,6 +1,6 @@
 // Random calls of a client; writes the poses that are shown, with their bounds.
 //
-// Usage: node shown.mjs MODULE.wasm SOCKET SCENE SEED CALLS STEPPING. Each line: tick, fraction, body, position, rotation, bound.
+// Usage: node shown.mjs MODULE.wasm SOCKET SCENE SEED CALLS STEPPING EXTENT. Each line: tick, fraction, body, position, rotation, bound.
 // The same in Python, C and C#; the tests of the workspace compare the lines with the server's truth.
 
 import { readFile } from "node:fs/promises";
@@ -8,7 +8,8 @@ import { readFile } from "node:fs/promises";
 import { connect, load } from "../rhumb.js";
 import { transportTo } from "./unix.mjs";
 
-const [wasm, socket, scene, seed, calls, stepping] = process.argv.slice(2);
+const [wasm, socket, scene, seed, calls, stepping, extent] = process.argv.slice(2);
+const cells = extent === "cells";
 const isFree = stepping === "free running";
 await load(await readFile(wasm));
 
@@ -23,7 +24,7 @@ function pick(count) {
 const real = (least, most) => least + ((most - least) * pick(1_000_000)) / 1e6;
 const pause = (milliseconds) => new Promise((resolve) => setTimeout(resolve, milliseconds));
 
-const options = { delayTicks: pick(4) * 3, smooth: pick(2) === 1, wholeTicks: pick(2) === 1, resumeWithin: 0 };
+const options = { delayTicks: pick(4) * 3, smooth: pick(2) === 1, wholeTicks: pick(2) === 1, cells, resumeWithin: 0 };
 const config = { stepping: isFree ? "freeRunning" : "lockstep" };
 const connection = await connect("https://127.0.0.1:1", { transport: transportTo(socket) });
 const client = await connection.join(scene, { ...options, mode: { createOrJoin: config } });
@@ -74,6 +75,13 @@ async function call() {
   }
 }
 
+function takeCells() {
+  const point = [real(-6, 6), 0, real(-6, 6)];
+  const [exact, near, far] = ["full", { within: 0.01 }, { within: 0.2 }];
+  const bands = [{ radius: 1, stream: exact }, { radius: 3, stream: near }, { radius: pick(8), stream: far }];
+  client.takeCellsAround(point, bands);
+}
+
 async function step() {
   if (isFree) {
     await pause(pick(12));
@@ -87,6 +95,7 @@ async function step() {
 
 for (let left = Number(calls); left > 0; left -= 1) {
   await call();
+  if (cells && pick(8) === 0) takeCells();
   await step();
   show();
 }

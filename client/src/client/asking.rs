@@ -7,12 +7,11 @@
 use std::collections::BTreeMap;
 
 use glam::Vec3;
-use rhumb_protocol::message::{Denial, QueryResult, StreamChoice, TierPolicy};
+use rhumb_protocol::message::{QueryResult, StreamChoice, TierPolicy};
 use rhumb_protocol::scene::{Cell, CellGrid, IdOutOfRange, Query, Stepping};
-use rhumb_protocol::session::{Event, Misuse};
-use rhumb_protocol::stream::ErrorBound;
+use rhumb_protocol::session::{CellState, Event, Misuse};
 use rhumb_reckoning::{BodyId, BodyState, Metres, Tick, Tolerance};
-use rhumb_view::{CellViews, InvalidTicks, TouchingPair};
+use rhumb_view::{InvalidTicks, TouchingPair};
 
 use super::Client;
 use crate::error::ClientError;
@@ -223,11 +222,12 @@ impl Client {
         queries: &[Query],
     ) -> Result<Vec<rhumb_view::CopyAnswer>, ClientError> {
         self.check_open()?;
-        let Some(replica) = self.pump.session.replica() else {
+        let session = &self.pump.session;
+        if session.replica().is_none() {
             return Ok(Vec::new());
-        };
-        self.copy_queries.refresh(self.live_view.view(), replica);
-        let answers = self.copy_queries.answer(queries, replica);
+        }
+        self.copy_queries.refresh(&self.live_view, session);
+        let answers = (self.copy_queries).answer(queries, &self.live_view, session);
         Ok(answers.map_err(Misuse::Invalid)?)
     }
 
@@ -248,8 +248,8 @@ impl Client {
         self.pump.session.cell_grid()
     }
 
-    /// Takes these cells and no others, each by a stream, at once, and does not wait. A cell is shown once its copy has caught
-    /// up with the others.
+    /// Takes these cells and no others, each by a stream, at once, and does not wait. The view has the bodies of a cell once its
+    /// copy has caught up with the others: see [`Self::cells`].
     ///
     /// # Errors
     ///
@@ -278,21 +278,9 @@ impl Client {
         self.take_cells(&cells.ok_or(Misuse::TooManyCells)?)
     }
 
-    /// The views of the cells, of the moment of [`Self::view`].
-    #[must_use]
-    pub const fn cells(&self) -> &CellViews {
-        self.live_view.cells()
-    }
-
-    /// The cells that the server has denied. The next [`Self::take_cells`] asks for them again.
-    pub fn denied_cells(&self) -> impl Iterator<Item = (Cell, Denial)> {
-        self.pump.session.denied_cells()
-    }
-
-    /// Bound on the error of the pose that the views of the cells show: see [`Self::error_bound`]. `None` for a body that is
-    /// in no cell that the client takes.
-    #[must_use]
-    pub fn cell_error_bound(&self, id: BodyId) -> Option<ErrorBound> {
-        self.cells().error_bound(&self.pump.session, id)
+    /// The cells that this client takes, in order, and what has become of each. The next [`Self::take_cells`] asks again for
+    /// those that were denied.
+    pub fn cells(&self) -> impl Iterator<Item = (Cell, CellState)> {
+        self.pump.session.taken_cells()
     }
 }

@@ -4,13 +4,13 @@
 //! allocated twice, and an id is done with once.
 
 use core::fmt;
-use std::collections::{BTreeMap, VecDeque};
+use std::collections::{BTreeMap, BTreeSet, VecDeque};
 
 use rhumb_protocol::limits::{GRANT, GRANTED_MAX, SHAPES_MAX};
 use rhumb_protocol::scene::{
     BodyBuilder, BodyDesc, BodyKind, Command, CommandError, IdRange, Shape, ShapeId,
 };
-use rhumb_protocol::session::{ClientSession, Event, Misuse, Replica};
+use rhumb_protocol::session::{ClientSession, Event, Misuse};
 use rhumb_reckoning::{BodyId, BodyState};
 
 use crate::shapes::{ShapeClashes, ShapeNumbers, ShapeRefusal, ShapeSlot, WrongBody};
@@ -143,7 +143,8 @@ impl ClientIds {
     }
 
     /// Queues the removal of the shapes that came with bodies of this client and that no body has any more; returns their
-    /// number. Queued additions, changes and removals of bodies count.
+    /// number. Queued additions, changes and removals of bodies count. The server keeps a shape that a body elsewhere has, in
+    /// a cell that is not taken.
     ///
     /// # Errors
     ///
@@ -153,19 +154,21 @@ impl ClientIds {
             return Ok(0);
         };
         let mut used = vec![false; SHAPES_MAX as usize];
-        let mut leaves = vec![false; replica.stream().index_end()];
+        let mut leaves = BTreeSet::new();
         for (_, body) in &self.bodies {
-            let (flags, place) = match *body {
-                BodyChange::Takes(shape) => (&mut used, shape.0),
-                BodyChange::Leaves(id) => (&mut leaves, id.index()),
-            };
-            if let Some(flag) = flags.get_mut(place as usize) {
-                *flag = true;
+            match *body {
+                BodyChange::Takes(shape) => {
+                    let flag = used.get_mut(shape.0 as usize);
+                    flag.into_iter().for_each(|flag| *flag = true);
+                }
+                BodyChange::Leaves(id) => drop(leaves.insert(id.index())),
             }
         }
-        for body in replica.bodies() {
-            if !leaves[body.id.index() as usize] {
-                used[body.shape.0 as usize] = true;
+        let of_cells = session.cells().map(|(_, copy)| copy);
+        for copy in std::iter::once(replica).chain(of_cells) {
+            for body in copy.bodies() {
+                let id = copy.id_in_scene(body.id).unwrap_or(body.id);
+                used[body.shape.0 as usize] |= !leaves.contains(&id.index());
             }
         }
         let is_used = |id: ShapeId| used[id.0 as usize];
@@ -314,7 +317,7 @@ impl ClientIds {
     /// Updates ids and shape numbers from an event, and queues what it calls for; returns whether the event is passed to
     /// the caller.
     pub fn note(&mut self, event: &Event, session: &mut ClientSession) -> bool {
-        let is_passed = self.take_event(event, session.replica());
+        let is_passed = self.take_event(event, session);
         self.mend_shapes(session);
         is_passed
     }
@@ -333,10 +336,14 @@ impl ClientIds {
         (addition.command == command).then_some(id)
     }
 
-    fn take_event(&mut self, event: &Event, replica: Option<&Replica>) -> bool {
+    fn take_event(&mut self, event: &Event, session: &ClientSession) -> bool {
+        let replica = session.replica();
         let known = |id| replica.and_then(|replica| replica.shape(id));
+        // A member by cells does not know of a body elsewhere.
+        let knows_all = session.cell_grid().is_none();
         let is_gone = |id: BodyId| {
-            replica.is_some_and(|replica| replica.stream().body(id.index()) != Some(id))
+            knows_all
+                && replica.is_some_and(|replica| replica.stream().body(id.index()) != Some(id))
         };
         match *event {
             Event::Reserved(range) => {

@@ -14,16 +14,15 @@ use parry3d::shape::{CompositeShape, Shape as Solid, SharedShape};
 use rhumb_protocol::scene::{
     Answer, BodyDesc, Hit, Invalid, Query, QueryCandidate, QueryFilter, Shape, ShapeId,
 };
-use rhumb_protocol::session::Replica;
+use rhumb_protocol::session::{ClientSession, Replica};
 use rhumb_protocol::stream::ErrorBound;
-use rhumb_reckoning::{BodyId, Seconds, Tick};
+use rhumb_reckoning::BodyId;
 use rhumb_solids::{SearchedBodies, SolidPart};
 
-use crate::moment::RenderTime;
-use crate::moment::{ShownPose, shown_bound};
-use crate::view::View;
+use crate::live_view::LiveView;
+use crate::moment::ShownPose;
 
-/// Answers queries on the bodies of one view and its replica; another pair needs another one.
+/// Answers queries on the bodies of one view and its session; another pair needs another one.
 #[derive(Default)]
 pub struct CopyQueries {
     solids: BTreeMap<ShapeId, CopiedShape>,
@@ -33,15 +32,14 @@ pub struct CopyQueries {
     free: Vec<u32>,
     tree: Bvh,
     workspace: BvhWorkspace,
-    at: Option<RenderTime>,
-    step: Seconds,
     source: Option<RefreshSource>,
 }
 
-/// The state of the view and the replica at a refresh.
+/// The state of the view and the copies at a refresh.
 #[derive(Clone, Copy, PartialEq, Eq)]
 struct RefreshSource {
     refreshes: u64,
+    /// The sum of those of the copies.
     revision: u64,
 }
 
@@ -54,7 +52,7 @@ pub struct CopyAnswer {
     /// within this distance of its true place. A query that passes an edge nearer than that may find another body than
     /// the server would.
     ///
-    /// The bounds are those of the view: see [`View::error_bound`].
+    /// The bounds are those of the view: see [`View::error_bound`](crate::View::error_bound).
     pub bounds: Vec<ErrorBound>,
 }
 
@@ -79,18 +77,20 @@ struct CopiedPart {
 }
 
 impl CopyQueries {
-    /// Takes over the bodies of a view and their shapes, as the replica that the view shows has them. Does nothing if
-    /// neither has changed since the last call.
-    pub fn refresh(&mut self, view: &View, replica: &Replica) {
+    /// Takes over the bodies of a view and their shapes, as the copies that the view shows have them. Does nothing if
+    /// neither has changed since the last call, or while the session has no replica.
+    pub fn refresh(&mut self, live_view: &LiveView, session: &ClientSession) {
+        let (view, Some(replica)) = (live_view.view(), session.replica()) else {
+            return;
+        };
+        let of_cells = session.cells().map(|(_, copy)| copy.revision());
         let source = RefreshSource {
             refreshes: view.refreshes(),
-            revision: replica.revision(),
+            revision: of_cells.fold(replica.revision(), u64::wrapping_add),
         };
         if self.source.replace(source) == Some(source) {
             return;
         }
-        (self.at, self.step) = (view.time(), view.step());
-        let tick = view.time().map_or(Tick::ZERO, |at| at.tick);
         self.forget_shapes(replica);
         let gone = |id: &BodyId| view.place(*id).is_none();
         let removed: Vec<_> = self.bodies.keys().copied().filter(gone).collect();
@@ -102,7 +102,7 @@ impl CopyQueries {
                 position: view.positions()[place],
                 rotation: view.rotations()[place],
             };
-            let desc = replica.body_at(*id, tick).filter(|desc| desc.enabled);
+            let desc = live_view.body(session, *id).filter(|desc| desc.enabled);
             let solid = desc.and_then(|desc| Some((desc, self.solid(desc.shape, replica)?)));
             match solid.filter(|_| shown.position.is_finite()) {
                 Some((desc, solid)) => self.put(desc, solid, shown),
@@ -113,16 +113,22 @@ impl CopyQueries {
         self.tree.optimize_incremental(&mut self.workspace);
     }
 
-    /// Answers queries as of the last refresh.
+    /// Answers queries as of the last refresh, with the bounds of the same view.
     ///
     /// # Errors
     ///
     /// [`Invalid`] names the first invalid number of a query; then none is answered.
-    pub fn answer(&self, queries: &[Query], replica: &Replica) -> Result<Vec<CopyAnswer>, Invalid> {
+    pub fn answer(
+        &self,
+        queries: &[Query],
+        live_view: &LiveView,
+        session: &ClientSession,
+    ) -> Result<Vec<CopyAnswer>, Invalid> {
         queries.iter().try_for_each(Query::check)?;
         let answers = queries.iter().map(|query| {
             let answer = rhumb_solids::answer(self, query);
-            let bound = |id: &BodyId| self.bound(*id, replica);
+            let unknown = live_view.view().unknown();
+            let bound = |id: &BodyId| live_view.error_bound(session, *id).unwrap_or(unknown);
             let bounds = match &answer {
                 Answer::Hits(hits) => hits.iter().map(|Hit { body, .. }| bound(body)).collect(),
                 Answer::Bodies(bodies) => bodies.iter().map(bound).collect(),
@@ -130,16 +136,6 @@ impl CopyQueries {
             CopyAnswer { answer, bounds }
         });
         Ok(answers.collect())
-    }
-
-    /// The bound of a body where it is shown; unknown for a body that is gone.
-    fn bound(&self, id: BodyId, replica: &Replica) -> ErrorBound {
-        let stream = replica.stream();
-        let since = stream.complete();
-        match (self.bodies.get(&id), self.at) {
-            (Some(body), Some(at)) => shown_bound(stream, id, &body.shown, (at, self.step)),
-            _ => ErrorBound::Unknown { since },
-        }
     }
 
     /// Drops solids whose shape is gone or another one now; their bodies are put anew.
@@ -237,7 +233,6 @@ impl CopyQueries {
 impl std::fmt::Debug for CopyQueries {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         f.debug_struct("CopyQueries")
-            .field("at", &self.at)
             .field("bodies", &self.bodies.len())
             .finish_non_exhaustive()
     }

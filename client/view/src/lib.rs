@@ -10,6 +10,7 @@ mod clocks;
 mod contacts;
 #[cfg(feature = "queries")]
 mod copy_queries;
+mod gathered_view;
 mod joining;
 mod live_view;
 mod moment;
@@ -23,7 +24,7 @@ pub use contacts::{Contacts, TouchingPair};
 #[cfg(feature = "queries")]
 pub use copy_queries::{CopyAnswer, CopyQueries};
 pub use joining::{JoinError, JoinMode, Joining, RESUME_WITHIN, may_resume};
-pub use live_view::{CellPlace, CellViews, LiveView, PipelineDepth, ViewOptions};
+pub use live_view::{LiveView, PipelineDepth, ViewOptions};
 pub use moment::RenderTime;
 pub use shapes::BodyCentres;
 pub use unanswered::{RefusalReason, RefusedRequest};

@@ -1,22 +1,16 @@
-//! The view as the frames of a member show it, and the views of its cells.
+//! The view as the frames of a member show it.
 //!
-//! Chooses the moment, and whether corrections are smoothed. Time is an argument; the session beside it is the caller's.
-//!
-//! Each cell has a view of its own; [`CellViews`] knows which body of the scene each place shows. A body that crosses is in
-//! the old cell before the tick of its crossing and in the new one from it on. Where the news of the old cell are late, both
-//! have it: the newer track counts. A cell that was taken after the moment shown gives way. A cell that an earlier connection
-//! of the session had stands still until its snapshot comes, and gives way to all. Invariant: each body has one place.
-
-use std::collections::BTreeMap;
+//! It is of a whole scene, or of the cells that the member takes. Chooses the moment, and whether corrections are smoothed. Time is an argument; the session beside it is the caller's.
 
 use rhumb_protocol::limits::SILENCE_MS_MAX;
-use rhumb_protocol::scene::{Cell, SceneConfig, Stepping};
+use rhumb_protocol::scene::{BodyDesc, Cell, SceneConfig, Stepping};
 use rhumb_protocol::session::{ClientSession, Event, Replica};
 use rhumb_protocol::stream::ErrorBound;
 use rhumb_protocol::{Instant, Span};
 use rhumb_reckoning::{BodyId, Seconds, Tick, Ticks};
 
 use crate::clocks::{SceneClock, ticks_or_none};
+use crate::gathered_view::GatheredView;
 use crate::moment::RenderTime;
 use crate::view::{RenderParams, View};
 
@@ -45,8 +39,10 @@ pub struct ViewOptions {
 /// A view, and the clock that chooses its moment.
 #[derive(Debug)]
 pub struct LiveView {
-    view: View,
-    cells: CellViews,
+    /// Of a whole scene, or of what is in no cell.
+    of_scene: View,
+    /// Of a member by cells: all that it takes.
+    gathered: Option<GatheredView>,
     clock: SceneClock,
     config: SceneConfig,
     /// Its options; a change takes effect at the next view.
@@ -58,8 +54,8 @@ impl LiveView {
     #[must_use]
     pub fn new(config: SceneConfig, options: ViewOptions) -> Self {
         Self {
-            view: View::default(),
-            cells: CellViews::default(),
+            of_scene: View::default(),
+            gathered: None,
             clock: SceneClock::new(config.integrator.rate),
             config,
             options,
@@ -72,23 +68,71 @@ impl LiveView {
         &self.config
     }
 
-    /// The view as of the last call that computed it.
+    /// The view as of the last call that computed it. That of a member by cells has all that it takes, each body once.
     #[must_use]
     pub const fn view(&self) -> &View {
-        &self.view
+        match &self.gathered {
+            Some(gathered) => gathered.view(),
+            None => &self.of_scene,
+        }
     }
 
-    /// The views of the cells that the member takes, of the same moment; empty for a member of a whole scene.
+    /// The cell by which a body of the view is shown; `None` for one that is in no cell.
     #[must_use]
-    pub const fn cells(&self) -> &CellViews {
-        &self.cells
+    pub fn cell_of(&self, id: BodyId) -> Option<Cell> {
+        self.gathered.as_ref()?.cell_of(id)
+    }
+
+    /// Bound on the error of the pose that the view shows: see [`View::error_bound`]. `None` for a body that is not in the
+    /// view.
+    #[must_use]
+    pub fn error_bound(&self, session: &ClientSession, id: BodyId) -> Option<ErrorBound> {
+        match &self.gathered {
+            Some(gathered) => gathered.error_bound(&self.of_scene, session, id),
+            None => {
+                let stream = session.replica().map(Replica::stream);
+                self.of_scene.error_bound(stream, id)
+            }
+        }
+    }
+
+    /// The bound of each body of the view, in its order: see [`Self::error_bound`].
+    pub fn error_bounds(&self, session: &ClientSession) -> impl Iterator<Item = ErrorBound> {
+        let unknown = self.view().unknown();
+        let bounds = self.view().ids().iter();
+        bounds.map(move |id| self.error_bound(session, *id).unwrap_or(unknown))
+    }
+
+    /// The descriptor of a body of the view, as it is at the moment shown.
+    #[must_use]
+    pub fn body(&self, session: &ClientSession, id: BodyId) -> Option<BodyDesc> {
+        let (copy, local) = self.copy_of(session, id)?;
+        let tick = self.view().time().map_or(Tick::ZERO, |at| at.tick);
+        let desc = copy.body_at(local, tick)?;
+        Some(BodyDesc { id, ..desc })
+    }
+
+    /// The copy that the view shows a body of, and the body's id there: of a whole scene, whether or not the view has it.
+    #[must_use]
+    pub fn copy_of<'s>(
+        &self,
+        session: &'s ClientSession,
+        id: BodyId,
+    ) -> Option<(&'s Replica, BodyId)> {
+        match &self.gathered {
+            Some(gathered) => gathered.copy_of(session, id),
+            None => Some((session.replica()?, id)),
+        }
     }
 
     /// Learns from the events of the session: of the server's clock, and of a session that continues with other tracks.
     pub fn note(&mut self, event: &Event) {
         self.clock.note(event);
         if let Event::Resumed(_) = event {
-            self.view.begin_anew();
+            self.of_scene.begin_anew();
+            if let Some(gathered) = &mut self.gathered {
+                gathered.begin_anew();
+            }
         }
     }
 
@@ -97,7 +141,7 @@ impl LiveView {
     pub fn show_present(&mut self, session: &mut ClientSession, now: Instant) -> RenderTime {
         if self.config.stepping == Stepping::Lockstep {
             let complete = session.complete();
-            let shown = self.view.time().map_or(Tick::ZERO, |at| at.tick);
+            let shown = self.view().time().map_or(Tick::ZERO, |at| at.tick);
             let at = RenderTime::at(complete.unwrap_or_default().max(shown));
             self.show(session, now, at, false);
             return at;
@@ -130,7 +174,11 @@ impl LiveView {
     /// Asks the server for its watermark if a program asks for bounds, and they would be unknown before the watermark that
     /// is `due` in so many ticks.
     fn keep_known(&mut self, session: &mut ClientSession, now: Instant, due: f64) {
-        let (Some(at), true) = (self.view.time(), self.view.take_bounds_asked()) else {
+        let mut is_asked = self.of_scene.take_bounds_asked();
+        if let Some(gathered) = &mut self.gathered {
+            is_asked |= gathered.take_bounds_asked();
+        }
+        let (Some(at), true) = (self.of_scene.time(), is_asked) else {
             return;
         };
         let step = self.config.integrator.rate.step().seconds();
@@ -181,11 +229,14 @@ impl LiveView {
             smooth,
             step,
         };
-        self.view.refresh(replica.stream_mut(), &render_params);
-        for (_, copy) in session.cells_mut() {
-            copy.stream_mut().set_history(history);
+        self.of_scene.refresh(replica.stream_mut(), &render_params);
+        if session.cell_grid().is_some() || self.gathered.is_some() {
+            for (_, copy) in session.cells_mut() {
+                copy.stream_mut().set_history(history);
+            }
+            let gathered = self.gathered.get_or_insert_default();
+            gathered.refresh(&self.of_scene, session, &render_params);
         }
-        self.cells.refresh(session, &render_params);
     }
 
     /// Ticks by which a free-running view stays behind the server's clock: the delay of its options plus the scene's
@@ -199,7 +250,7 @@ impl LiveView {
     /// Ticks by which the view lies behind the server's clock; `None` before the clock is known.
     #[must_use]
     pub fn behind_ticks(&self, now: Instant) -> Option<f64> {
-        let shown = self.view.time()?;
+        let shown = self.of_scene.time()?;
         Some(self.clock.server(now)? - shown.ticks())
     }
 }
@@ -225,174 +276,6 @@ impl PipelineDepth {
     #[must_use]
     pub const fn ticks(self) -> u32 {
         self.0
-    }
-}
-
-/// The views of a member's cells at one moment.
-#[derive(Debug, Default)]
-pub struct CellViews {
-    cells: BTreeMap<Cell, CellView>,
-    /// By index of the scene.
-    bodies: Vec<Option<Shown>>,
-}
-
-/// A body's place in the view of a cell.
-#[derive(Clone, Copy, Debug)]
-pub struct CellPlace<'v> {
-    /// The body, by its id in the scene.
-    pub id: BodyId,
-    /// The cell.
-    pub cell: Cell,
-    /// The view of the cell.
-    pub view: &'v View,
-    /// The body's place in the arrays of the view.
-    pub place: usize,
-}
-
-/// Where a body is shown.
-#[derive(Clone, Copy, Debug)]
-struct Shown {
-    id: BodyId,
-    cell: Cell,
-    place: u32,
-    /// How far what the cell says of it counts.
-    rank: Rank,
-}
-
-/// How far a cell counts that shows a body.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
-enum Rank {
-    /// It is of an earlier connection.
-    Former,
-    /// Its copy begins after the moment shown: the body may have been elsewhere then.
-    BeginsLater,
-    /// It has a track of this origin.
-    Since(Tick),
-}
-
-#[derive(Debug, Default)]
-struct CellView {
-    view: View,
-    /// The stream of the copy that it shows.
-    stream: Option<u32>,
-    /// By place: the body's id in the cell and in the scene.
-    names: Vec<(BodyId, BodyId)>,
-}
-
-impl CellViews {
-    /// Computes the views of a moment. Cells that the member has given up are gone; one whose snapshot a resumed session has
-    /// not got yet stays as it was.
-    pub fn refresh(&mut self, session: &mut ClientSession, render_params: &RenderParams) {
-        for shown in self.cells.values().flat_map(|of| &of.names) {
-            self.bodies[shown.1.index() as usize] = None;
-        }
-        let mut before = std::mem::take(&mut self.cells);
-        for (cell, copy) in session.cells_mut() {
-            let mut of_cell = before.remove(&cell).unwrap_or_default();
-            of_cell.refresh(copy, render_params);
-            let rank = |local| match copy.stream().start() > render_params.at.tick {
-                true => Rank::BeginsLater,
-                false => {
-                    let track = copy.stream().track(local);
-                    Rank::Since(track.map_or(Tick::ZERO, |track| track.origin))
-                }
-            };
-            self.show(cell, of_cell, rank);
-        }
-        for (cell, of_cell) in before {
-            if session.awaits_cell(cell) {
-                self.show(cell, of_cell, |_| Rank::Former);
-            }
-        }
-    }
-
-    /// Shows the bodies of a cell, by how far the cell counts for each.
-    fn show(&mut self, cell: Cell, of_cell: CellView, rank: impl Fn(BodyId) -> Rank) {
-        for (place, (local, id)) in of_cell.names.iter().enumerate() {
-            let shown = Shown {
-                id: *id,
-                cell,
-                place: place as u32,
-                rank: rank(*local),
-            };
-            show(&mut self.bodies, shown);
-        }
-        self.cells.insert(cell, of_cell);
-    }
-
-    /// The cells with their views, in order. Ids in them are those of the cell: see [`Self::bodies`].
-    pub fn cells(&self) -> impl Iterator<Item = (Cell, &View)> {
-        self.cells.iter().map(|(cell, of)| (*cell, &of.view))
-    }
-
-    /// All bodies, each once, in the order of their indices in the scene.
-    pub fn bodies(&self) -> impl Iterator<Item = CellPlace<'_>> {
-        let shown = self.bodies.iter().flatten();
-        shown.filter_map(|shown| self.place_of(shown))
-    }
-
-    /// The place of a body; `None` for one that is in no taken cell.
-    #[must_use]
-    pub fn place(&self, id: BodyId) -> Option<CellPlace<'_>> {
-        let shown = self.bodies.get(id.index() as usize)?.as_ref()?;
-        self.place_of(shown).filter(|place| place.id == id)
-    }
-
-    /// Bound on the error of the pose of a body: see [`View::error_bound`]. `None` for a body that is in no taken cell: where
-    /// it is, or whether it is, is not known.
-    #[must_use]
-    pub fn error_bound(&self, session: &ClientSession, id: BodyId) -> Option<ErrorBound> {
-        let CellPlace {
-            cell, view, place, ..
-        } = self.place(id)?;
-        let local = view.ids()[place];
-        let copy = session.cells().find(|(at, _)| *at == cell);
-        view.error_bound(copy.map(|(_, copy)| copy.stream()), local)
-    }
-
-    fn place_of(&self, shown: &Shown) -> Option<CellPlace<'_>> {
-        Some(CellPlace {
-            id: shown.id,
-            cell: shown.cell,
-            view: &self.cells.get(&shown.cell)?.view,
-            place: shown.place as usize,
-        })
-    }
-}
-
-impl CellView {
-    fn refresh(&mut self, copy: &mut Replica, render_params: &RenderParams) {
-        let stream = copy.stream().stream().0;
-        if self.stream.replace(stream) != Some(stream) {
-            self.view.begin_anew();
-        }
-        self.view.refresh(copy.stream_mut(), render_params);
-        let ids = self.view.ids();
-        self.names.truncate(ids.len());
-        for (place, local) in ids.iter().enumerate() {
-            match self.names.get_mut(place) {
-                Some((before, _)) if before == local => {}
-                known => {
-                    let name = (*local, copy.id_in_scene(*local).unwrap_or(*local));
-                    match known {
-                        Some(known) => *known = name,
-                        None => self.names.push(name),
-                    }
-                }
-            }
-        }
-    }
-}
-
-/// Notes where a body is shown, unless another cell has a newer track of it.
-fn show(bodies: &mut Vec<Option<Shown>>, shown: Shown) {
-    let index = shown.id.index() as usize;
-    if index >= bodies.len() {
-        bodies.resize(index + 1, None);
-    }
-    let at = &mut bodies[index];
-    if at.is_none_or(|before| before.rank < shown.rank) {
-        *at = Some(shown);
     }
 }
 

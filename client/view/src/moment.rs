@@ -69,6 +69,7 @@ pub(crate) enum MomentMotion {
 
 impl MomentMotion {
     /// The motion of a body at a moment; `None` for a body that does not exist then. `step`: the time between two ticks.
+    #[inline(never)]
     pub(crate) fn of(
         stream: &Subscriber,
         id: BodyId,
@@ -151,6 +152,7 @@ impl<'a> Leap<'a> {
     /// A push changes the velocity at some moment of the time, and from then on the body moves as the newer track has it. So
     /// it is apart by a part of the way that the change of its velocity makes in the time, in that direction. A command
     /// that places a body leaves its velocity as it is. `tick`: one at which the newer track is in force.
+    #[inline(never)]
     pub(crate) fn is_jump(&self, stream: &Subscriber, id: BodyId, tick: Tick) -> bool {
         let Some(radius) = stream.radius_at(id, tick) else {
             return false;
@@ -213,6 +215,8 @@ impl ShownPose {
 /// The truth between two ticks lies between those of the ticks: its position on the straight line, its rotation on the
 /// shortest turn. A body that jumps at the next tick is at its first place until then. The rounding of the shown pose to 32
 /// bits counts from [`COUNTED_ROUNDING`] on. `step`: the time between two ticks.
+// Inlined where it is called, it makes the module of browsers larger; so do the others that are not.
+#[inline(never)]
 pub(crate) fn shown_bound(
     stream: &Subscriber,
     id: BodyId,
@@ -253,6 +257,61 @@ fn finite_bound(
     };
     let bound = bound_at_moment(&motion, ends, radius, at.fraction);
     Some(Metres::new(bound + off))
+}
+
+/// A body that one stream has until a tick, and another one from it on: it has crossed between two cells.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Crossing<'s> {
+    pub(crate) from: (&'s Subscriber, BodyId),
+    pub(crate) to: (&'s Subscriber, BodyId),
+}
+
+impl Crossing<'_> {
+    /// The motion of the body at a moment before the tick at which it crosses; `None` if it does not cross then.
+    #[inline(never)]
+    pub(crate) fn motion(&self, at: RenderTime, step: Seconds) -> Option<MomentMotion> {
+        let ((from, local), (to, there)) = (self.from, self.to);
+        let next = at.tick + Ticks::new(1);
+        let first = from.predicted_motion(local, at.tick)?;
+        let second = to.predicted_motion(there, next)?;
+        let twist = first.twist();
+        let led = Pose {
+            position: first.pose().position + twist.linear * step.seconds(),
+            rotation: (twist.turn_over(step) * first.pose().rotation).normalize(),
+        };
+        let leap = Leap {
+            before: &Motion::new(led, twist).ok()?,
+            after: &second,
+            within: step,
+        };
+        Some(match leap.is_jump(to, there, next) {
+            true => MomentMotion::Before(first, second),
+            false => MomentMotion::Between(first, second),
+        })
+    }
+
+    /// The bound on the error of the shown pose.
+    pub(crate) fn bound(&self, shown: &ShownPose, at: RenderTime, step: Seconds) -> ErrorBound {
+        let finite =
+            |(stream, id): (&Subscriber, BodyId), tick| match stream.bound_between(id, tick) {
+                Some(ErrorBound::Within(bound)) => Some(bound.metres()),
+                _ => None,
+            };
+        let bound = || {
+            let next = at.tick + Ticks::new(1);
+            let ends = finite(self.from, at.tick)?.max(finite(self.to, next)?);
+            let radius = self.to.0.radius_at(self.to.1, next)?;
+            let motion = self.motion(at, step)?;
+            let off = distance(shown, &motion.motion(at)?, radius);
+            Some(bound_at_moment(&motion, ends, radius, at.fraction) + off)
+        };
+        bound().filter(|bound| bound.is_finite()).map_or_else(
+            || ErrorBound::Unknown {
+                since: self.from.0.complete(),
+            },
+            |bound| ErrorBound::Within(Metres::new(bound)),
+        )
+    }
 }
 
 /// The distance of any point of a body at the shown pose from where the stream has it, at most.

@@ -16,13 +16,15 @@ use std::collections::{BTreeMap, VecDeque};
 use glam::{Quat, Vec3};
 use rhumb_protocol::limits::SHAPES_MAX;
 use rhumb_protocol::scene::{
-    BodyBuilder, BodyDesc, Command, CommandError, Locomotion, Shape, ShapeId,
+    BodyBuilder, BodyDesc, CellGrid, Command, CommandError, Locomotion, Shape, ShapeId,
 };
+use rhumb_protocol::session::Event;
 use rhumb_protocol::wire::Wire;
 use rhumb_protocol::wire::bytes::Writer;
 use rhumb_reckoning::{BodyId, BodyState, InvalidMotion};
 
 use crate::unanswered::Unanswered;
+use crate::view::View;
 
 /// The shapes that this client added, and what the server has not answered yet.
 #[derive(Debug, Default)]
@@ -297,6 +299,8 @@ impl ShapeClashes {
 #[derive(Clone, Debug, Default)]
 pub struct BodyCentres {
     centres: BTreeMap<BodyId, Vec3>,
+    /// Those of them that were removed, until no view shows them.
+    removed: Vec<BodyId>,
 }
 
 impl BodyCentres {
@@ -315,10 +319,28 @@ impl BodyCentres {
         self.centres.extend(off.map(|(id, centre)| (*id, *centre)));
     }
 
-    /// Forgets bodies that are gone.
-    pub fn forget(&mut self, removed: &[BodyId]) {
-        if !self.centres.is_empty() {
-            self.centres.retain(|id, _| !removed.contains(id));
+    /// Learns of removed bodies from the events of the session.
+    pub fn note(&mut self, event: &Event) {
+        if let Event::BodyRemoved { id, .. } = event
+            && self.centres.contains_key(id)
+        {
+            self.removed.push(*id);
+        }
+    }
+
+    /// Forgets bodies that a view has no more. `grid`: of a member by cells, to which a body comes back that has only left its
+    /// cells.
+    pub fn forget(&mut self, view: &View, grid: Option<CellGrid>) {
+        if self.centres.is_empty() {
+            return;
+        }
+        let mut gone = std::mem::take(&mut self.removed);
+        self.removed = (gone.extract_if(.., |id| view.place(*id).is_some())).collect();
+        if grid.is_none() {
+            gone.extend_from_slice(view.removed());
+        }
+        for id in gone {
+            self.centres.remove(&id);
         }
     }
 
@@ -392,6 +414,7 @@ impl BodyCentres {
 
 #[cfg(test)]
 mod tests {
+    use rhumb_protocol::message::RemovalCause;
     use rhumb_protocol::scene::{
         BodyDesc, BodyKind, Hull, Joint, JointFrame, JointId, JointKind, Shape,
     };
@@ -585,7 +608,12 @@ mod tests {
             )),
         };
         assert_eq!(centres.command_in(join(Vec3::ONE)), join(Vec3::splat(0.5)));
-        centres.forget(&[ID]);
+        let grid = CellGrid::columns(rhumb_reckoning::Metres::new(10.0));
+        centres.forget(&View::default(), grid);
+        assert!(!centres.is_empty(), "it has left the cells");
+        let (id, cause) = (ID, RemovalCause::Command);
+        centres.note(&Event::BodyRemoved { id, cause });
+        centres.forget(&View::default(), grid);
         assert!(centres.is_empty());
         assert_eq!(centres.command_in(set(Vec3::ZERO)), set(Vec3::ZERO));
     }

@@ -104,7 +104,7 @@ impl View {
         self.changed.iter().map(|place| *place as usize)
     }
 
-    /// Bodies that were removed since the last view.
+    /// Bodies of the last view that are not in this one: removed, or, of a member by cells, in no cell that it takes.
     #[must_use]
     pub fn removed(&self) -> &[BodyId] {
         &self.removed
@@ -136,7 +136,6 @@ impl View {
     }
 
     /// The time from one tick to the next.
-    #[cfg(feature = "queries")]
     pub(crate) const fn step(&self) -> Seconds {
         self.step
     }
@@ -174,15 +173,8 @@ impl View {
         Some(shown_bound(stream, id, &shown, (self.time?, self.step)))
     }
 
-    /// The bound of each body of this view, in its order: see [`Self::error_bound`].
-    pub fn error_bounds(&self, stream: Option<&Subscriber>) -> impl Iterator<Item = ErrorBound> {
-        let unknown = self.unknown();
-        let bounds = self.ids.iter();
-        bounds.map(move |id| self.error_bound(stream, *id).unwrap_or(unknown))
-    }
-
     /// No bound is known since the moment shown.
-    fn unknown(&self) -> ErrorBound {
+    pub(crate) fn unknown(&self) -> ErrorBound {
         let since = self.time.map_or(Tick::ZERO, |time| time.tick);
         ErrorBound::Unknown { since }
     }
@@ -199,6 +191,8 @@ impl View {
     }
 
     /// Computes the view of a moment. The client calls this in each frame.
+    // Inlined for a scene and for its cells, it makes the module of browsers larger.
+    #[inline(never)]
     pub fn refresh(&mut self, stream: &mut Subscriber, render_params: &RenderParams) {
         self.changed.clear();
         self.removed.clear();
@@ -282,6 +276,24 @@ impl View {
         }
     }
 
+    /// Begins the next view of bodies that other views show.
+    pub(crate) fn begin_gathering(&mut self, render_params: &RenderParams) {
+        self.changed.clear();
+        self.removed.clear();
+        self.time = Some(render_params.at);
+        self.step = render_params.step;
+        self.refreshes += 1;
+    }
+
+    /// Shows a body as another view has it.
+    pub(crate) fn copy(&mut self, place: usize, from: &Self, place_there: usize) {
+        self.linear[place] = from.linear[place_there];
+        self.angular[place] = from.angular[place_there];
+        self.resting[place] = from.resting[place_there];
+        let (position, rotation) = (from.positions[place_there], from.rotations[place_there]);
+        self.put(place, position, rotation);
+    }
+
     /// Writes the predicted motions of several moving bodies.
     fn show_moving(
         &mut self,
@@ -315,7 +327,8 @@ impl View {
         self.movers = movers;
     }
 
-    fn place_of(&self, index: u32) -> Option<usize> {
+    /// The place of the body of this index, whatever its generation.
+    pub(crate) fn place_of(&self, index: u32) -> Option<usize> {
         let place = (*self.places.get(index as usize)?)?;
         Some(place.get() as usize - 1)
     }
@@ -337,9 +350,9 @@ impl View {
             }
             Some(_) => {
                 self.remove(index);
-                self.insert(id, render_params);
+                self.insert_smoothed(id, render_params);
             }
-            None => self.insert(id, render_params),
+            None => self.insert_smoothed(id, render_params),
         }
         if render_params.smooth
             && let Some(place) = self.place_of(index)
@@ -349,7 +362,16 @@ impl View {
         }
     }
 
-    fn insert(&mut self, id: BodyId, render_params: &RenderParams) {
+    fn insert_smoothed(&mut self, id: BodyId, render_params: &RenderParams) {
+        self.insert(id);
+        if render_params.smooth {
+            self.corrections.push(Correction::NONE);
+            self.origins.push(Tick::ZERO);
+        }
+    }
+
+    /// Adds a body at the last place, without a pose.
+    pub(crate) fn insert(&mut self, id: BodyId) {
         let index = id.index() as usize;
         if index >= self.places.len() {
             self.places.resize(index + 1, None);
@@ -362,13 +384,10 @@ impl View {
         self.linear.push(Vec3::ZERO);
         self.angular.push(Vec3::ZERO);
         self.resting.push(false);
-        if render_params.smooth {
-            self.corrections.push(Correction::NONE);
-            self.origins.push(Tick::ZERO);
-        }
     }
 
-    fn remove(&mut self, index: u32) {
+    /// Takes a body out. That of the last place moves to its place.
+    pub(crate) fn remove(&mut self, index: u32) {
         let Some(place) = self.place_of(index) else {
             return;
         };
@@ -481,7 +500,7 @@ impl View {
 
     /// Writes a body's motion.
     #[inline]
-    fn show_as_it_is(&mut self, place: usize, motion: &Motion) {
+    pub(crate) fn show_as_it_is(&mut self, place: usize, motion: &Motion) {
         self.linear[place] = motion.twist().linear.as_vec3();
         self.angular[place] = motion.twist().angular.as_vec3();
         let pose = motion.pose();

@@ -5,6 +5,7 @@
 //! by their code, and unknown messages that a client may ignore are skipped (PROTOCOL 3.5).
 
 mod cells;
+mod handshake;
 mod membership;
 mod outbox;
 mod subscription;
@@ -15,6 +16,8 @@ use alloc::collections::{BTreeMap, VecDeque};
 use alloc::string::String;
 use alloc::vec::Vec;
 
+pub use cells::CellState;
+use handshake::ClientHandshake;
 use membership::ClientMembership;
 pub use membership::StandingEvents;
 use outbox::{ClientOutbox, ClockSampler, Resumption};
@@ -25,11 +28,13 @@ use super::{CloseCode, Event, Misuse};
 use crate::endpoint::{Ending, Endpoint, Instant, Peer, Span, Transmit, Wake};
 use crate::limits::RESERVE_MAX;
 use crate::message::{
-    ClientMessage, Denial, Extension, Frames, Grease, Joined, ServerMessage, SessionKey,
-    StreamChoice, TierPolicy, Token, VERSIONS, Welcome,
+    ClientMessage, Denial, Extension, Frames, Joined, ServerMessage, SessionKey, StreamChoice,
+    TierPolicy, Token, Welcome,
 };
 use crate::packet::{Datagram, LargestPacket};
-use crate::scene::{Cell, CellGrid, Command, IdRange, Query, SceneConfig, SceneName, Stepping};
+use crate::scene::{
+    BodyDesc, Cell, CellGrid, Command, IdRange, Query, SceneConfig, SceneName, Stepping,
+};
 use crate::stream::PublisherStatistics;
 use crate::wire::Malformed;
 
@@ -130,8 +135,8 @@ impl ClientSession {
     ///
     /// As [`Self::leave`], [`Misuse::NotDivided`] without a grid, and [`Misuse::TooManyCells`].
     pub fn take_cells(&mut self, cells: &BTreeMap<Cell, StreamChoice>) -> Result<(), Misuse> {
-        let is_resuming = self.must_be_in_session()?;
-        if self.cell_grid().is_none() && !is_resuming {
+        self.must_be_in_session()?;
+        if self.cell_grid().is_none() {
             return Err(Misuse::NotDivided);
         }
         self.membership.cells.take(cells, &mut self.outbox)
@@ -153,9 +158,30 @@ impl ClientSession {
         self.membership.cells.awaits(cell)
     }
 
-    /// The cells that the server has denied. The next [`Self::take_cells`] asks for them again.
-    pub fn denied_cells(&self) -> impl Iterator<Item = (Cell, Denial)> {
-        self.membership.cells.denied()
+    /// The copy of a cell, as [`Self::cells`] has it.
+    #[must_use]
+    pub fn cell(&self, cell: Cell) -> Option<&Replica> {
+        self.membership.cells.copy(cell)
+    }
+
+    /// The cells that are taken, in order.
+    pub fn taken_cells(&self) -> impl Iterator<Item = (Cell, CellState)> {
+        self.membership.cells.states()
+    }
+
+    /// The copy that has a body now, and the body's id there: the replica of the scene, or that of a cell. Of two that have
+    /// it, that with the newer track.
+    #[must_use]
+    pub fn copy_of(&self, body: BodyId) -> Option<(&Replica, BodyId)> {
+        self.membership.copy_of(body)
+    }
+
+    /// The descriptor of a body, by its id in the scene; `None` if no copy has it.
+    #[must_use]
+    pub fn body(&self, id: BodyId) -> Option<BodyDesc> {
+        let (copy, local) = self.copy_of(id)?;
+        let desc = copy.body(local)?;
+        Some(BodyDesc { id, ..desc })
     }
 
     /// The newest tick up to which replica and cells are complete, if any. Free-running, it may go back with a new cell.
@@ -692,58 +718,6 @@ fn place_of(bytes: &[u8]) -> Option<String> {
     let is_text = !bytes.is_empty() && bytes.iter().all(u8::is_ascii_graphic);
     let text = core::str::from_utf8(bytes).ok().filter(|_| is_text)?;
     Some(text.to_owned())
-}
-
-/// The statements of a client about itself.
-#[derive(Debug)]
-struct ClientHandshake {
-    scene: SceneName,
-    token: Option<Token>,
-}
-
-impl ClientHandshake {
-    /// Sends the `Hello`: offered versions, scene, token, extensions.
-    fn greet(&self, now: Instant, peer: Peer, outbox: &mut ClientOutbox) {
-        // The seed only has to differ between most connections.
-        let mut grease = Grease::new(now.as_nanos() ^ peer.0.rotate_left(48));
-        let versions = grease.versions(&VERSIONS);
-        let mut extensions = grease.extensions();
-        if let Some(token) = &self.token {
-            let fits = extensions.insert(token.extension());
-            debug_assert!(fits, "a token fits an extension");
-        }
-        outbox.send(&ClientMessage::Hello {
-            versions,
-            scene: self.scene.clone(),
-            extensions,
-        });
-        outbox.send_framed(|unsent| grease.message(unsent));
-    }
-
-    /// Checks the server's answer.
-    fn check(welcome: &Welcome) -> Result<(), CloseCode> {
-        // The server may not choose the reserved version that the client offers to test tolerance of unknown ones.
-        if !VERSIONS.contains(&welcome.version) {
-            return Err(CloseCode::VERSION);
-        }
-        if welcome.extensions.has_unknown_critical() {
-            return Err(CloseCode::EXTENSION);
-        }
-        let config = welcome.scene.as_ref();
-        if config.is_some_and(|config| config.check().is_err()) {
-            return Err(CloseCode::VIOLATION);
-        }
-        Ok(())
-    }
-
-    /// Checks the config and the extensions with which a snapshot begins.
-    fn check_joined(joined: &Joined) -> Result<(), CloseCode> {
-        joined.config.check().map_err(|_| CloseCode::VIOLATION)?;
-        if joined.extensions.has_unknown_critical() {
-            return Err(CloseCode::EXTENSION);
-        }
-        Ok(())
-    }
 }
 
 /// The bytes that are not decoded yet.

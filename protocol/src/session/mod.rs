@@ -26,7 +26,7 @@ use crate::message::{
 use crate::scene::{BodyEvent, CommandError, IdRange, Invalid};
 use crate::wire::Malformed;
 
-pub use client::{ClientSession, StandingEvents};
+pub use client::{CellState, ClientSession, StandingEvents};
 pub use replica::Replica;
 pub use server::ServerSession;
 pub use upstream::UpstreamReceiver;

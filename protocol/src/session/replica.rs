@@ -32,6 +32,8 @@ pub struct Replica {
     joints: Joints,
     /// Of a cell: the id in the scene of each of its bodies, and of some that have left.
     names: BTreeMap<BodyId, BodyId>,
+    /// The same the other way round, for the newest of the ids that a body has had here.
+    locals: BTreeMap<BodyId, BodyId>,
     complete: bool,
     revision: u64,
 }
@@ -58,6 +60,7 @@ impl Replica {
             descs: Interner::default(),
             joints: Joints::default(),
             names: BTreeMap::new(),
+            locals: BTreeMap::new(),
             complete: false,
             revision: 0,
         }
@@ -146,13 +149,19 @@ impl Replica {
         self.names.get(&id).copied()
     }
 
+    /// The id here of a body of the scene; `None` if it is not here now. In a replica of a whole scene it is the same.
+    #[must_use]
+    pub fn id_here(&self, id: BodyId) -> Option<BodyId> {
+        let local = match self.names.is_empty() {
+            true => id,
+            false => *self.locals.get(&id)?,
+        };
+        (self.stream().body(local.index()) == Some(local)).then_some(local)
+    }
+
     /// The descriptor of a body by its id in the scene; `None` if it is not here.
     pub(crate) fn body_of_scene(&self, id: BodyId) -> Option<BodyDesc> {
-        if self.names.is_empty() {
-            return self.body(id);
-        }
-        let mut named = self.names.iter().filter(|(_, in_scene)| **in_scene == id);
-        named.find_map(|(local, _)| self.body(*local))
+        self.body(self.id_here(id)?)
     }
 
     /// Applies what a cell tells of its bodies. Its shapes are those of the scene, which `shapes` has.
@@ -197,6 +206,7 @@ impl Replica {
             self.borrow_shape(desc.shape, shapes)?;
             self.forget_names();
             self.names.insert(desc.id, id);
+            self.locals.insert(id, desc.id);
         }
         Ok(())
     }
@@ -239,6 +249,8 @@ impl Replica {
         }
         let stream = self.receiver.subscriber();
         self.names.retain(|id, _| stream.knows(*id));
+        let names = &self.names;
+        self.locals.retain(|_, local| names.contains_key(local));
     }
 
     /// Replaces another replica of the same scene. Every body of the other one counts as changed, because it may be

@@ -19,11 +19,11 @@ use rhumb_protocol::scene::{
 use rhumb_protocol::session::{CloseCode, Event};
 use rhumb_protocol::stream::ErrorBound;
 use rhumb_protocol::{Instant, Peer, Span};
-use rhumb_reckoning::{BodyId, BodyState, Metres, Seconds, Tolerance};
+use rhumb_reckoning::{BodyId, BodyState, Metres, Tolerance};
 use rhumb_scene::SceneSettings;
 use rhumb_scene::engine::Engines;
 use rhumb_tests::{FailingEngine, Fails, RawPeer, TICK, Table, failing_body};
-use rhumb_view::{CellViews, RenderParams, RenderTime};
+use rhumb_view::{LiveView, RenderTime, ViewOptions};
 
 const NORMAL: StreamChoice = StreamChoice::Within(Tolerance::NORMAL);
 const BALL: ShapeId = ShapeId(0);
@@ -412,21 +412,26 @@ fn a_grant_waits_for_the_cells_that_were_asked_for_before() {
 fn a_resumed_session_shows_its_cells_as_they_were_until_their_snapshots_come() {
     let mut divided = Divided::new(Stepping::FreeRunning, Engines::default());
     divided.enter(Some(SessionKey([7; 16])));
-    let mut views = CellViews::default();
+    let options = ViewOptions {
+        delay_ticks: 0.0,
+        whole_ticks: false,
+        smooth: true,
+    };
+    let mut live = LiveView::new(SceneConfig::default(), options);
     let mut shown = |divided: &mut Divided| {
+        let now = divided.table.now();
         let member = divided.table.session(divided.member);
         if let Some(copy) = member.replica() {
-            let params = RenderParams {
-                at: RenderTime::at(copy.stream().complete()),
-                now: Seconds::new(0.0),
-                smooth: false,
-                step: Seconds::new(1.0 / 60.0),
-            };
-            views.refresh(member, &params);
+            let at = RenderTime::at(copy.stream().complete());
+            live.show(member, now, at, false);
         }
-        let bodies = views.bodies().map(|of| (of.id.index(), of.cell));
-        let known = |id| views.error_bound(member, body(id)).expect("it is shown");
-        (bodies.collect::<Vec<_>>(), known(0))
+        let ids = live.view().ids().iter();
+        let mut bodies: Vec<_> = ids
+            .map(|id| (id.index(), live.cell_of(*id).expect("of a cell")))
+            .collect();
+        bodies.sort_unstable();
+        let known = |index| live.error_bound(member, body(index));
+        (bodies, known(0).expect("it is shown"))
     };
     let before = [(0, HERE), (1, HERE), (2, BESIDE)];
     let (bodies, bound) = shown(&mut divided);

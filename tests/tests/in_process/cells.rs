@@ -13,10 +13,10 @@ use rhumb_protocol::scene::{
 };
 use rhumb_protocol::session::{ClientSession, Event, Misuse};
 use rhumb_protocol::{Instant, Span};
-use rhumb_reckoning::{BodyId, Metres, Seconds, Tick, Ticks, Tolerance};
+use rhumb_reckoning::{BodyId, Metres, Tick, Ticks, Tolerance};
 use rhumb_scene::{SceneRouter, SceneSettings};
 use rhumb_tests::{Dice, TICK, seed};
-use rhumb_view::{CellViews, RenderParams, RenderTime};
+use rhumb_view::{LiveView, RenderTime, ViewOptions};
 
 const EDGE: f64 = 10.0;
 /// Cells along the way.
@@ -66,6 +66,19 @@ fn corridor(dice: &mut Dice) -> Vec<Command> {
     commands
 }
 
+fn live_view(stepping: Stepping) -> LiveView {
+    let options = ViewOptions {
+        delay_ticks: 240.0,
+        whole_ticks: false,
+        smooth: false,
+    };
+    let config = SceneConfig {
+        stepping,
+        ..SceneConfig::default()
+    };
+    LiveView::new(config, options)
+}
+
 /// Indices of the clients.
 const TRUTH: usize = 0;
 const WALKER: usize = 1;
@@ -78,7 +91,7 @@ struct CellStage {
     /// The tick at which the member joined.
     joined: Option<Tick>,
     homes: BTreeMap<Tick, BTreeMap<BodyId, Cell>>,
-    views: CellViews,
+    live: LiveView,
     /// The tick from which on a cell is compared.
     since: BTreeMap<Cell, Tick>,
     compared: u64,
@@ -100,7 +113,7 @@ impl CellStage {
             truth: BTreeMap::new(),
             joined: None,
             homes: BTreeMap::new(),
-            views: CellViews::default(),
+            live: live_view(stepping),
             since: BTreeMap::new(),
             compared: 0,
             asks: false,
@@ -237,37 +250,28 @@ impl CellStage {
     }
 
     fn compare_at(&mut self, tick: Tick) {
-        let params = RenderParams {
-            at: RenderTime::at(tick),
-            now: Seconds::new(0.0),
-            smooth: false,
-            step: Seconds::new(1.0 / 60.0),
-        };
+        let now = self.network.now();
         let client = self.network.client_mut(WALKER);
-        self.views.refresh(client, &params);
+        self.live.show(client, now, RenderTime::at(tick), false);
         let (truth, homes) = (&self.truth[&tick], &self.homes[&tick]);
         let is_compared = |cell: &Cell| self.since.get(cell).is_some_and(|since| *since <= tick);
-        let shown: BTreeMap<BodyId, Cell> = (self.views.bodies())
-            .map(|body| (body.id, body.cell))
+        let view = self.live.view();
+        let in_cells: Vec<(BodyId, Cell)> = (view.ids().iter())
+            .filter_map(|id| Some((*id, self.live.cell_of(*id)?)))
             .filter(|(_, cell)| is_compared(cell))
             .collect();
+        let shown: BTreeMap<BodyId, Cell> = in_cells.iter().copied().collect();
+        assert_eq!(shown.len(), in_cells.len(), "no body is double at {tick}");
         let expected: BTreeMap<BodyId, Cell> = (homes.iter())
             .filter(|(_, cell)| is_compared(cell))
             .map(|(id, cell)| (*id, *cell))
             .collect();
         assert_eq!(shown, expected, "at tick {tick}");
-        for (cell, view) in self.views.cells().filter(|(cell, _)| is_compared(cell)) {
-            let of_cell = expected.values().filter(|of| **of == cell).count();
-            assert_eq!(
-                view.ids().len(),
-                of_cell,
-                "no body is double in {cell} at {tick}"
-            );
-        }
+        let walls = view.ids().iter().filter(|id| id.index() < 2).count();
+        assert_eq!(walls, 2, "every member has what is large");
         for (id, _) in expected {
-            let place = self.views.place(id).expect("it is shown");
-            let error = place.view.positions()[place.place].distance(truth[&id]);
-            let bound = self.views.error_bound(client, id).expect("it is shown");
+            let error = view.position(id).expect("it is shown").distance(truth[&id]);
+            let bound = self.live.error_bound(client, id).expect("it is shown");
             assert!(
                 f64::from(error) <= bound.metres() + 1e-5,
                 "{id} at {tick}: {error} beyond {bound}"
@@ -380,7 +384,7 @@ fn a_scene_without_a_grid_is_whole_for_a_member_that_asks_for_cells() {
         truth: BTreeMap::new(),
         joined: None,
         homes: BTreeMap::new(),
-        views: CellViews::default(),
+        live: live_view(Stepping::Lockstep),
         since: BTreeMap::new(),
         compared: 0,
         asks: false,

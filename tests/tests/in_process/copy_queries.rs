@@ -5,9 +5,7 @@
 
 use glam::{Quat, Vec3};
 use proptest::prelude::*;
-use rhumb_client::{
-    CopyAnswer, CopyQueries, ErrorBound, Rate, RenderParams, RenderTime, Seconds, View,
-};
+use rhumb_client::{CopyAnswer, CopyQueries, ErrorBound, RenderTime};
 use rhumb_protocol::Peer;
 use rhumb_protocol::message::StreamChoice;
 use rhumb_protocol::scene::{
@@ -17,6 +15,7 @@ use rhumb_protocol::scene::{
 use rhumb_protocol::session::Event;
 use rhumb_reckoning::{BodyId, BodyState, Tick, Tolerance};
 use rhumb_tests::Table;
+use rhumb_view::{LiveView, ViewOptions};
 
 /// Metres: what the copy's poses differ by, since a pose passes through f64.
 const ROUNDING: f32 = 1e-3;
@@ -126,7 +125,7 @@ fn filter_of(takes: [bool; 4], groups: u32, except: Option<u32>) -> QueryFilter 
 }
 
 /// A member of a scene with these bodies, some steps later, and what its copy shows at that tick.
-fn scene(bodies: &[Body], choice: StreamChoice, steps: u64) -> (Table, Peer, View) {
+fn scene(bodies: &[Body], choice: StreamChoice, steps: u64) -> (Table, Peer, LiveView) {
     let mut table = Table::default();
     let peer = table.create("hall", SceneConfig::default(), choice);
     let now = table.now();
@@ -141,27 +140,23 @@ fn scene(bodies: &[Body], choice: StreamChoice, steps: u64) -> (Table, Peer, Vie
     }
     session.advance(now, Tick::new(steps)).expect("a member");
     table.run_until_idle();
-    let mut view = View::default();
-    let params = RenderParams {
-        at: RenderTime::at(Tick::new(steps)),
-        now: Seconds::new(0.0),
+    let options = ViewOptions {
+        delay_ticks: 0.0,
+        whole_ticks: false,
         smooth: false,
-        step: Rate::HZ_60.step(),
     };
+    let mut view = LiveView::new(SceneConfig::default(), options);
     let session = table.session(peer);
     while let Some(event) = session.poll_event() {
         assert!(!matches!(event, Event::Refused { .. }), "{event:?}");
     }
-    view.refresh(
-        session.replica_mut().expect("a member").stream_mut(),
-        &params,
-    );
+    view.show(session, now, RenderTime::at(Tick::new(steps)), false);
     (table, peer, view)
 }
 
 /// Answers of the server, and of the copy.
 fn both(
-    (mut table, peer, view): (Table, Peer, View),
+    (mut table, peer, view): (Table, Peer, LiveView),
     queries: &[Query],
 ) -> (Vec<Answer>, Vec<CopyAnswer>) {
     let session = table.session(peer);
@@ -174,10 +169,10 @@ fn both(
     });
     let result = result.expect("it is answered");
     let mut copy = CopyQueries::default();
-    let replica = session.replica().expect("a member");
-    assert_eq!(Some(result.tick), view.time().map(|at| at.tick));
-    copy.refresh(&view, replica);
-    let answers = copy.answer(queries, replica).expect("valid queries");
+    assert_eq!(Some(result.tick), view.view().time().map(|at| at.tick));
+    copy.refresh(&view, session);
+    let answers = copy.answer(queries, &view, session);
+    let answers = answers.expect("valid queries");
     (result.answers.expect("the scene has time"), answers)
 }
 
@@ -251,34 +246,25 @@ fn a_copy_follows_its_bodies() {
     let ball = |x: f32| (0, 0, [x, 0.0, 0.0], [0.0; 3], [0.0; 3], (false, false));
     let (mut table, peer, mut view) = scene(&[ball(0.0), ball(3.0)], StreamChoice::Full, 1);
     let mut copy = CopyQueries::default();
-    let mut find = |table: &mut Table, view: &View, x: f32| {
-        let replica = table.session(peer).replica().expect("a member");
-        copy.refresh(view, replica);
-        let answers = copy.answer(&[above(x)], replica).expect("valid");
+    let mut find = |table: &mut Table, view: &LiveView, x: f32| {
+        let session = table.session(peer);
+        copy.refresh(view, session);
+        let answers = copy.answer(&[above(x)], view, session).expect("valid");
         match &answers[0].answer {
             Answer::Hits(hits) => hits.first().map(|hit| hit.body.index()),
             Answer::Bodies(_) => None,
         }
     };
     assert_eq!(find(&mut table, &view, 0.0), Some(0));
-    let step = |table: &mut Table, view: &mut View, tick: u64, command: Command| {
+    let step = |table: &mut Table, view: &mut LiveView, tick: u64, command: Command| {
         let now = table.now();
         let session = table.session(peer);
         session.command(command).expect("a valid command");
         session.advance(now, Tick::new(tick)).expect("a member");
         table.run_until_idle();
-        let params = RenderParams {
-            at: RenderTime::at(Tick::new(tick)),
-            now: Seconds::new(0.0),
-            smooth: false,
-            step: Rate::HZ_60.step(),
-        };
         let session = table.session(peer);
         while session.poll_event().is_some() {}
-        view.refresh(
-            session.replica_mut().expect("a member").stream_mut(),
-            &params,
-        );
+        view.show(session, now, RenderTime::at(Tick::new(tick)), false);
     };
     let first = BodyId::new(0, 0);
     let position = Vec3::X * 6.0;
@@ -310,6 +296,6 @@ fn a_copy_follows_its_bodies() {
     );
     assert_eq!(find(&mut table, &view, 3.0), None, "removed");
     let wrong = [above(f32::NAN)];
-    let replica = table.session(peer).replica().expect("a member");
-    assert!(copy.answer(&wrong, replica).is_err());
+    let session = table.session(peer);
+    assert!(copy.answer(&wrong, &view, session).is_err());
 }

@@ -585,8 +585,7 @@ fn watch_rest(delay_ticks: f64, asks: bool, links: &str) -> (f64, u64) {
         }
         watcher.live.show_present(session, now);
         if asks {
-            let stream = session.replica().expect("a member").stream();
-            let mut bounds = watcher.live.view().error_bounds(Some(stream));
+            let mut bounds = watcher.live.error_bounds(session);
             let is_known = bounds.all(|bound| bound.metres().is_finite());
             known += usize::from(is_known && frame >= 600);
         }

@@ -6,7 +6,9 @@ use bevy_transform::components::{GlobalTransform, Transform};
 use rhumb_bevy::{RhumbBodyId, RhumbClient, RhumbErrorBound, RhumbState};
 use rhumb_client::glam;
 use rhumb_client::scene::{BodyBuilder, BodyDesc, Shape, Stepping};
-use rhumb_client::{BodyId, Client, Event, PipelineDepth, StreamChoice, Tolerance};
+use rhumb_client::{
+    BodyId, Client, Event, JoinMode, JoinOptions, Metres, PipelineDepth, StreamChoice, Tolerance,
+};
 
 use crate::arena::{app, component, entity, messages, rhumb, run_until};
 use crate::server::{Server, advance_beyond, show_tick};
@@ -362,4 +364,38 @@ fn a_scene_that_is_removed_or_replaced_takes_its_entities_with_it() {
     assert_eq!(count(&mut app), 0);
     app.update();
     assert!(messages(&app).endings.is_empty(), "to leave is no failure");
+}
+
+#[test]
+fn the_entities_of_a_member_by_cells_come_and_go_with_its_point() {
+    let server = Server::start_with(&["--cells", "10"]);
+    let mut owner = server.join("around", Stepping::Lockstep, COPY);
+    let balls = [5.0, 95.0].map(|x| {
+        let ball = BodyDesc::fixed(Shape::ball(0.5)).at(x, 5.0, 5.0);
+        owner.add_body(ball).unwrap()
+    });
+    owner.advance(PipelineDepth::LOCKSTEP).unwrap();
+    let options = JoinOptions {
+        mode: JoinMode::Join,
+        cells: true,
+        ..JoinOptions::default()
+    };
+    let client = server.connect().join_with("around", options).unwrap();
+    let mut app = app(PipelineDepth::LOCKSTEP);
+    app.insert_resource(RhumbClient::new(client));
+    for (x, here, elsewhere) in [(5.0, balls[0], balls[1]), (95.0, balls[1], balls[0])] {
+        let bands = [(Metres::new(8.0), COPY)];
+        let mut rhumb_client = rhumb(&mut app);
+        let taken = rhumb_client
+            .inner()
+            .take_cells_around([x, 5.0, 5.0], &bands);
+        taken.unwrap();
+        run_until(&mut app, "the cells are shown", |app| {
+            entity(app, here).is_some() && entity(app, elsewhere).is_none()
+        });
+        let shape = rhumb(&mut app).shape(here).cloned();
+        assert_eq!(shape, Some(Shape::ball(0.5)));
+        let bound = rhumb(&mut app).error_bound(here).expect("it is shown");
+        assert!(bound.metres() <= TOLERANCE, "{bound}");
+    }
 }

@@ -21,11 +21,17 @@ pub(crate) struct Server {
 
 impl Server {
     pub(crate) fn start() -> Self {
+        Self::start_with(&[])
+    }
+
+    /// The same with more arguments.
+    pub(crate) fn start_with(more: &[&str]) -> Self {
         let built =
             PathBuf::from(env!("CARGO_MANIFEST_DIR")).join("../../target/debug/rhumb-test-server");
         let path = std::env::var_os("RHUMB_TEST_SERVER").map_or(built, PathBuf::from);
         let mut child = Command::new(&path)
             .args(["--open", "--listen", "127.0.0.1:0", "--log", "off"])
+            .args(more)
             .stdout(Stdio::piped())
             .spawn()
             .unwrap_or_else(|error| {

@@ -23,13 +23,26 @@ use crate::session::replica::Replica;
 use crate::session::{CloseCode, Event, Misuse};
 use crate::stream::Subscriber;
 
+/// What has become of a cell that a member takes.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum CellState {
+    /// Its bodies are not there yet.
+    Awaited,
+    /// Its bodies are shown.
+    Shown,
+    /// The server denies it, or the stream that was asked for last. What it had before is shown.
+    Denied(Denial),
+}
+
 /// The cells of one membership.
 #[derive(Debug, Default)]
 pub(super) struct CellSubscriptions {
     /// True if the client takes scenes by cells.
     joins: bool,
-    /// The grid of the scene, once joined by cells.
+    /// The grid of the scene, once joined by cells; also until the next connection of the session has joined.
     grid: Option<CellGrid>,
+    /// True once this connection has joined by cells.
+    is_open: bool,
     taken: BTreeMap<Cell, WantedCell>,
     /// The tick requested last.
     awaited: Tick,
@@ -75,6 +88,7 @@ impl CellSubscriptions {
         let again = |(cell, taken): (Cell, WantedCell)| (cell, WantedCell::new(cell, taken.choice));
         Self {
             joins: self.joins,
+            grid: self.grid,
             taken: self.taken.into_iter().map(again).collect(),
             ..Self::default()
         }
@@ -82,11 +96,12 @@ impl CellSubscriptions {
 
     /// Begins with the grid of the joined scene; asks for the cells that an earlier connection had.
     pub(super) fn begin(&mut self, extensions: &Extensions, outbox: &mut ClientOutbox) {
-        if self.grid.is_some() {
+        if self.is_open {
             return;
         }
         self.grid = extensions.cell_grid();
-        if self.grid.is_some() {
+        self.is_open = self.grid.is_some();
+        if self.is_open {
             for taken in self.taken.values_mut() {
                 taken.subscription.select(taken.choice, outbox);
             }
@@ -107,7 +122,7 @@ impl CellSubscriptions {
         if wanted.len() > CELLS_PER_MEMBER_MAX {
             return Err(Misuse::TooManyCells);
         }
-        let is_open = self.grid.is_some();
+        let is_open = self.is_open;
         self.taken.retain(|cell, taken| {
             let stays = wanted.contains_key(cell);
             if !stays {
@@ -331,19 +346,25 @@ impl CellSubscriptions {
 
     /// True unless a snapshot of a cell is to come.
     pub(super) fn are_there(&self) -> bool {
-        self.grid.is_none() || !self.taken.values().any(WantedCell::is_awaited)
+        !self.is_open || !self.taken.values().any(WantedCell::is_awaited)
     }
 
     /// True for a cell whose snapshot is to come.
     pub(super) fn awaits(&self, cell: Cell) -> bool {
         let taken = self.taken.get(&cell);
-        self.grid.is_some() && taken.is_some_and(WantedCell::is_awaited)
+        self.is_open && taken.is_some_and(WantedCell::is_awaited)
     }
 
-    /// The cells that the server has denied.
-    pub(super) fn denied(&self) -> impl Iterator<Item = (Cell, Denial)> {
+    /// The copy of a cell: see [`Self::copies`].
+    pub(super) fn copy(&self, cell: Cell) -> Option<&Replica> {
+        let taken = self.taken.get(&cell).filter(|taken| taken.is_shown)?;
+        taken.subscription.shown()
+    }
+
+    /// What has become of each cell.
+    pub(super) fn states(&self) -> impl Iterator<Item = (Cell, CellState)> {
         let taken = self.taken.iter();
-        taken.filter_map(|(cell, taken)| Some((*cell, taken.denied?)))
+        taken.map(|(cell, taken)| (*cell, taken.state()))
     }
 }
 
@@ -361,6 +382,14 @@ impl WantedCell {
     /// True until its first snapshot has come, or it was denied.
     const fn is_awaited(&self) -> bool {
         self.subscription.shown().is_none() && self.denied.is_none()
+    }
+
+    fn state(&self) -> CellState {
+        match self.denied {
+            Some(denial) => CellState::Denied(denial),
+            None if self.is_shown && self.subscription.shown().is_some() => CellState::Shown,
+            None => CellState::Awaited,
+        }
     }
 
     /// Sets its timer anew.

@@ -260,10 +260,16 @@ impl ClientMembership {
         of_scene.chain(self.cells.complete_copies())
     }
 
+    /// The copy with the newest track of a body, and the body's id there.
+    pub(super) fn copy_of(&self, body: BodyId) -> Option<(&Replica, BodyId)> {
+        let found = (self.copies()).filter_map(|copy| Some((copy, copy.id_here(body)?)));
+        found.max_by_key(|(copy, local)| copy.stream().track(*local).map(|track| track.origin))
+    }
+
     /// True if the copies have all bodies of the held grant, or no cell is to come that may have the others.
     fn has_granted_bodies(&self) -> bool {
         let bodies = self.held_grant.iter().flat_map(|grant| &grant.bodies);
-        let is_known = |id| self.copies().any(|copy| copy.body_of_scene(id).is_some());
+        let is_known = |id| self.copies().any(|copy| copy.id_here(id).is_some());
         self.cells.are_there() || bodies.map(|(id, _)| *id).all(is_known)
     }
 
