@@ -56,7 +56,8 @@ def rewritten(source, known):
         line = lines[place]
         if block := re.match(r"impl (\w+) \{$", line):
             methods = place > 0 and lines[place - 1] == "#[pymethods]"
-            owner, is_field = names.get(block[1]) if methods else None, False
+            # Methods of a class of another file.
+            owner, is_field = names.get(block[1], block[1].removeprefix("Py")) if methods else None, False
         elif line == "}":
             owner, is_field = None, False
         key = indent = field = struct = None

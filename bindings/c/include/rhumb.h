@@ -539,6 +539,27 @@ typedef uint32_t RhumbRequestKind;
 #endif // __STDC_VERSION__ >= 202311L
 #endif // __cplusplus
 
+// What has become of a cell that is taken.
+enum RhumbCellState
+#if defined(__cplusplus) || __STDC_VERSION__ >= 202311L
+  : uint32_t
+#endif // defined(__cplusplus) || __STDC_VERSION__ >= 202311L
+ {
+  // Its bodies are not there yet.
+  RHUMB_CELL_STATE_AWAITED,
+  // The view has its bodies.
+  RHUMB_CELL_STATE_SHOWN,
+  // The server denies it: `text` says why. The next call that takes it asks again.
+  RHUMB_CELL_STATE_DENIED,
+};
+#ifndef __cplusplus
+#if __STDC_VERSION__ >= 202311L
+typedef enum RhumbCellState RhumbCellState;
+#else
+typedef uint32_t RhumbCellState;
+#endif // __STDC_VERSION__ >= 202311L
+#endif // __cplusplus
+
 // A part of a compound shape, in the axes of its body.
 typedef struct RhumbPart {
   // From the origin of the compound, in the scene's unit of length.
@@ -684,6 +705,32 @@ typedef struct RhumbRefusal {
   // The reason, a sentence in UTF-8 that ends with a zero byte; a longer one is cut.
   char text[192];
 } RhumbRefusal;
+
+// All cells within a distance of a point, and the tolerance of their streams.
+typedef struct RhumbCellBand {
+  // From the point to the nearest point of a cell, units of length.
+  float radius;
+  // How far any point of a copied body may be off, metres in any coordinates: 0.001 to 10, or 0 for exact states.
+  double tolerance_m;
+} RhumbCellBand;
+
+// A cell to take, and the tolerance of its stream.
+typedef struct RhumbCellChoice {
+  // Its places along x, y and z: from place times edge to place + 1 times edge; 0 along an axis that is not divided.
+  int32_t places[3];
+  // As that of a band.
+  double tolerance_m;
+} RhumbCellChoice;
+
+// A cell that is taken.
+typedef struct RhumbTakenCell {
+  // Its places along x, y and z.
+  int32_t places[3];
+  // A `RhumbCellState`.
+  uint32_t state;
+  // Why it is denied, a sentence in UTF-8 that ends with a zero byte; otherwise empty.
+  char text[192];
+} RhumbTakenCell;
 
 // A command, for `rhumb_scene_command`. Fields that its kind does not name are ignored. Units are kilograms, seconds,
 // radians, and the scene's unit of length.
@@ -1088,6 +1135,9 @@ typedef struct RhumbJoinOptions {
   uint8_t smooth;
   // Not zero: `resume_within_s` replaces what the scene suggests.
   uint8_t has_resume_within;
+  // Not zero: the scene is taken by cells, if its server divides it: `rhumb_scene_take_cells_around`. `tolerance_m` is then
+  // of the bodies that are in no cell.
+  uint8_t cells;
   // Units of length per s².
   float gravity[3];
   // Free running only: ticks by which the view stays behind the server's clock.
@@ -1169,7 +1219,7 @@ typedef struct RhumbPoses {
   const uint32_t *changed;
   // Number of these places.
   size_t changed_count;
-  // Bodies that were removed since the last view.
+  // Bodies of the last view that are not in this one: removed, or in no cell that is taken.
   const RhumbBody *removed;
   // Number of these bodies.
   size_t removed_count;
@@ -1249,6 +1299,50 @@ const char *rhumb_last_error(void);
 //
 // Until version 1, the interface may change with each minor version; after it, with each major version.
 uint32_t rhumb_version(void);
+
+// Writes the edges of the scene's cells along x, y and z, units of length; 0 along an axis that is not divided. All are 0 for a
+// scene that is not divided, and for one that was joined without `cells`.
+//
+// # Safety
+//
+// `edges` points to memory for three numbers.
+RhumbCode rhumb_scene_cell_grid(struct RhumbScene scene,
+                                float *edges);
+
+// Takes the cells around a point and no others: each by the first of `count` bands that reaches it, the nearest first. Call it
+// as the point moves: what is taken already costs nothing. It does not wait.
+//
+// The view has the bodies of these cells, each once, and those that are in no cell: bodies larger than half an edge, such as
+// floors. A body that leaves the cells is among `removed` of the poses, and no event tells of it: it was not removed from the
+// scene. A scene that is not divided, and more than 256 cells, are `RHUMB_CODE_INVALID`.
+//
+// # Safety
+//
+// `point` points to three numbers, `bands` to `count` bands.
+RhumbCode rhumb_scene_take_cells_around(struct RhumbScene scene,
+                                        const float *point,
+                                        const struct RhumbCellBand *bands,
+                                        size_t count);
+
+// Takes `count` cells and no others, as `rhumb_scene_take_cells_around`. Of a cell that is there twice, the last one counts.
+//
+// # Safety
+//
+// `choices` points to `count` cells.
+RhumbCode rhumb_scene_take_cells(struct RhumbScene scene,
+                                 const struct RhumbCellChoice *choices,
+                                 size_t count);
+
+// Writes the cells that are taken, and what has become of each. `count` receives their number, 256 at most, also if `capacity`
+// is too small for them; then nothing is written to `cells`.
+//
+// # Safety
+//
+// `cells` points to memory for `capacity` cells, `count` to memory for a number.
+RhumbCode rhumb_scene_cells(struct RhumbScene scene,
+                            struct RhumbTakenCell *cells,
+                            size_t capacity,
+                            size_t *count);
 
 // Queues `count` commands, which are applied in this order before the next tick. If one is wrong, none is queued.
 //

@@ -881,6 +881,12 @@ struct JoinOptions : RhumbJoinOptions {
         refusals = static_cast<std::uint32_t>(choice);
         return *this;
     }
+
+    /// Takes the scene by cells, if its server divides it: Scene::take_cells_around.
+    JoinOptions& by_cells() {
+        cells = 1;
+        return *this;
+    }
 };
 
 /// How a file is read, and where its bodies are added.
@@ -1091,6 +1097,35 @@ public:
     /// tolerance of a stream adds to this one. A second request before the answer throws.
     void take_authority(const std::vector<Body>& bodies, double tolerance_m = 0.02) {
         throw_unless_ok(rhumb_scene_take_authority(raw_, bodies.data(), bodies.size(), tolerance_m));
+    }
+
+    /// Edges of the scene's cells along x, y and z, 0 along an axis that is not divided. None for a scene that is not divided,
+    /// and for one that was joined without `cells`.
+    std::optional<Vec3> cell_grid() {
+        Vec3 edges{0, 0, 0};
+        throw_unless_ok(rhumb_scene_cell_grid(raw_, &edges.x));
+        const bool none = edges.x == 0.0F && edges.y == 0.0F && edges.z == 0.0F;
+        return none ? std::nullopt : std::optional<Vec3>(edges);
+    }
+
+    /// Takes the cells around a point and no others, each by the first band that reaches it, the nearest first. Call it as the
+    /// point moves. poses() has the bodies of these cells, each once, and those that are in no cell.
+    void take_cells_around(Vec3 point, const std::vector<RhumbCellBand>& bands) {
+        throw_unless_ok(rhumb_scene_take_cells_around(raw_, &point.x, bands.data(), bands.size()));
+    }
+
+    /// Takes these cells and no others.
+    void take_cells(const std::vector<RhumbCellChoice>& choices) {
+        throw_unless_ok(rhumb_scene_take_cells(raw_, choices.data(), choices.size()));
+    }
+
+    /// The cells that are taken, and what has become of each.
+    std::vector<RhumbTakenCell> cells() {
+        std::vector<RhumbTakenCell> taken(256);
+        std::size_t count = 0;
+        throw_unless_ok(rhumb_scene_cells(raw_, taken.data(), taken.size(), &count));
+        taken.resize(count);
+        return taken;
     }
 
     /// Publishes the states of all bodies under this client's authority, once per frame; their tick, or none while nothing

@@ -11,6 +11,7 @@
 
 mod answers;
 mod border;
+mod cells;
 mod commands;
 mod connection;
 mod descriptions;
@@ -22,6 +23,7 @@ mod scene;
 
 pub use answers::*;
 pub use border::*;
+pub use cells::*;
 pub use commands::*;
 pub use connection::*;
 pub use descriptions::*;

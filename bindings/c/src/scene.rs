@@ -53,6 +53,9 @@ pub struct RhumbJoinOptions {
     pub smooth: u8,
     /// Not zero: `resume_within_s` replaces what the scene suggests.
     pub has_resume_within: u8,
+    /// Not zero: the scene is taken by cells, if its server divides it: `rhumb_scene_take_cells_around`. `tolerance_m` is then
+    /// of the bodies that are in no cell.
+    pub cells: u8,
     /// Units of length per s².
     pub gravity: [f32; 3],
     /// Free running only: ticks by which the view stays behind the server's clock.
@@ -154,6 +157,7 @@ pub unsafe extern "C" fn rhumb_join_options_init(options: *mut RhumbJoinOptions)
         has_gravity: 0,
         smooth: u8::from(plain.smooth),
         has_resume_within: 0,
+        cells: u8::from(plain.cells),
         gravity: [0.0; 3],
         delay_ticks: plain.delay_ticks,
         lead_ticks: plain.lead_ticks,
@@ -184,6 +188,7 @@ impl RhumbJoinOptions {
             coordinates: one_of(&COORDINATES, self.coordinates, "options.coordinates")?,
             condition: one_of(&CONDITIONS, self.condition, "options.condition")?,
             tolerance_m: self.tolerance_m,
+            cells: self.cells != 0,
             stepping: one_of(&STEPPINGS, self.stepping, "options.stepping")?,
             ticks_per_second: self.ticks_per_second,
             substeps: self.substeps,
@@ -609,7 +614,7 @@ pub struct RhumbPoses {
     pub changed: *const u32,
     /// Number of these places.
     pub changed_count: usize,
-    /// Bodies that were removed since the last view.
+    /// Bodies of the last view that are not in this one: removed, or in no cell that is taken.
     pub removed: *const RhumbBody,
     /// Number of these bodies.
     pub removed_count: usize,

@@ -1,6 +1,6 @@
 // Random calls of a scene, and the poses that it shows.
 //
-// Arguments: address, fingerprint, scene, seed, calls, stepping. Each line: tick, fraction, body, position, rotation, bound.
+// Arguments: address, fingerprint, scene, seed, calls, stepping, extent. Each line: tick, fraction, body, position, rotation, bound.
 // The same in Python, C# and JavaScript; the tests of the workspace compare the lines with the server's truth.
 
 #include <inttypes.h>
@@ -93,6 +93,15 @@ static void call(RhumbScene scene) {
     }
 }
 
+static void take_cells(RhumbScene scene) {
+    float at[3] = {0};
+    at[0] = real(-6, 6);
+    at[2] = real(-6, 6);
+    RhumbCellBand bands[3] = {{1, 0}, {3, 0.01}, {0, 0.2}};
+    bands[2].radius = (float)choose(8);
+    check(rhumb_scene_take_cells_around(scene, at, bands, 3));
+}
+
 static void step(RhumbScene scene, int free_running) {
     if (free_running) {
         check(rhumb_scene_idle(scene, (double)choose(12) * 0.001));
@@ -105,12 +114,13 @@ static void step(RhumbScene scene, int free_running) {
 }
 
 int main(int argc, char** argv) {
-    if (argc != 7) {
-        fprintf(stderr, "address, fingerprint, scene, seed, calls and stepping are missing\n");
+    if (argc != 8) {
+        fprintf(stderr, "address, fingerprint, scene, seed, calls, stepping and extent are missing\n");
         return 1;
     }
     state = strtoull(argv[4], NULL, 10);
     int free_running = strcmp(argv[6], "free running") == 0;
+    int cells = strcmp(argv[7], "cells") == 0;
     RhumbConnectOptions connect = {0};
     connect.address = argv[1];
     connect.fingerprint = argv[2];
@@ -122,6 +132,7 @@ int main(int argc, char** argv) {
     options.delay_ticks = (double)choose(4) * 3.0;
     options.smooth = choose(2) == 1;
     options.whole_ticks = choose(2) == 1;
+    options.cells = cells != 0;
     RhumbScene scene;
     check(rhumb_join(connection, argv[3], &options, &scene));
     RhumbBodyDesc floor;
@@ -134,6 +145,9 @@ int main(int argc, char** argv) {
     check(rhumb_scene_add_bodies(scene, &floor, 1, &body));
     for (long left = strtol(argv[5], NULL, 10); left > 0; left--) {
         call(scene);
+        if (cells && choose(8) == 0) {
+            take_cells(scene);
+        }
         step(scene, free_running);
         show(scene);
     }

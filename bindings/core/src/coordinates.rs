@@ -11,9 +11,9 @@
 
 use glam::{Quat, Vec3};
 use rhumb_client::scene::{
-    Character, Compound, Contact, Heights, Hit, Hull, Invalid, Joint, JointFrame, JointKind,
-    JointLimits, JointStrength, LockedAxes, Mesh, Motor, Part, Query, QueryKind, Shape, Sleep,
-    SleepThresholds, Spring, Wheel,
+    Cell, CellGrid, Character, Compound, Contact, Heights, Hit, Hull, Invalid, Joint, JointFrame,
+    JointKind, JointLimits, JointStrength, LockedAxes, Mesh, Motor, Part, Query, QueryKind, Shape,
+    Sleep, SleepThresholds, Spring, Wheel,
 };
 
 /// Axes and unit of length that an application uses.
@@ -181,6 +181,29 @@ impl Coordinates {
     #[must_use]
     pub fn length_out(self, metres: f32) -> f32 {
         metres * self.units_per_metre()
+    }
+
+    /// The edges of a grid along these axes, in units of length; 0 along one that is not divided.
+    #[must_use]
+    pub fn cell_edges_out(self, grid: CellGrid) -> [f32; 3] {
+        let edges = self.turned_out(Vec3::from_array(grid.edges())).abs();
+        (edges * self.units_per_metre()).to_array()
+    }
+
+    /// A cell by its places along these axes.
+    #[must_use]
+    pub fn cell_in(self, places: [i32; 3], grid: CellGrid) -> Cell {
+        let divided = self.cell_edges_out(grid).map(|edge| edge > 0.0);
+        let centre = self.turned_in(centre_of(places, divided));
+        Cell(places_of(centre, grid.edges().map(|edge| edge > 0.0)))
+    }
+
+    /// The places of a cell along these axes.
+    #[must_use]
+    pub fn cell_out(self, cell: Cell, grid: CellGrid) -> [i32; 3] {
+        let divided = grid.edges().map(|edge| edge > 0.0);
+        let centre = self.turned_out(centre_of(cell.0, divided));
+        places_of(centre, self.cell_edges_out(grid).map(|edge| edge > 0.0))
     }
 
     /// Half edge lengths along the axes.
@@ -475,6 +498,23 @@ pub(crate) fn units_up(exact: f64) -> f32 {
         true => near.next_up(),
         false => near,
     }
+}
+
+/// The centre of a cell in half edges, from places along axes of which some are divided. Places beyond those of cells stay
+/// beyond them.
+fn centre_of(places: [i32; 3], divided: [bool; 3]) -> Vec3 {
+    let limit = 2 * Cell::PLACE_MAX;
+    let centre = |axis: usize| {
+        let place = places[axis].clamp(-limit, limit);
+        (2 * place + i32::from(divided[axis])) as f32
+    };
+    Vec3::new(centre(0), centre(1), centre(2))
+}
+
+/// The inverse of [`centre_of`].
+fn places_of(centre: Vec3, divided: [bool; 3]) -> [i32; 3] {
+    let centre = centre.to_array();
+    std::array::from_fn(|axis| (centre[axis] as i32 - i32::from(divided[axis])) / 2)
 }
 
 #[cfg(test)]

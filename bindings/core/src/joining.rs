@@ -95,6 +95,8 @@ pub struct JoinParams {
     pub condition: JoinCondition,
     /// The most that any point of a copied body may be off, metres in any coordinates.
     pub tolerance_m: f64,
+    /// Whether the scene is taken by cells, if its server divides it: then the tolerance is of what is in no cell.
+    pub cells: bool,
     /// Source of the ticks of a new scene.
     pub stepping: Stepping,
     /// Ticks of a new scene in a second.
@@ -128,6 +130,7 @@ impl Default for JoinParams {
             coordinates: Coordinates::Rhumb,
             condition: JoinCondition::CreateOrJoin,
             tolerance_m: 0.05,
+            cells: false,
             stepping: config.stepping,
             ticks_per_second: config.integrator.rate.ticks(),
             substeps: config.integrator.substeps.get(),
@@ -187,7 +190,7 @@ impl JoinParams {
                 JoinCondition::Join => JoinMode::Join,
             },
             stream: StreamChoice::Within(tolerance),
-            cells: false,
+            cells: self.cells,
             delay_ticks: self.delay_ticks,
             lead_ticks: self.lead_ticks,
             whole_ticks: self.whole_ticks,
@@ -254,6 +257,7 @@ mod tests {
         let default = JoinOptions::default();
         assert_eq!(options.mode, default.mode);
         assert_eq!(options.stream, default.stream);
+        assert_eq!(options.cells, default.cells);
         assert_eq!(options.delay_ticks, default.delay_ticks);
         assert_eq!(options.lead_ticks, default.lead_ticks);
         assert_eq!(options.whole_ticks, default.whole_ticks);

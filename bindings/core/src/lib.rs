@@ -7,6 +7,7 @@
 //! converts between them and Rhumb's own: right-handed, y up, metres.
 #![forbid(unsafe_code)]
 
+mod cells;
 mod coordinates;
 mod descriptions;
 mod error;
@@ -22,6 +23,7 @@ mod records;
 mod remote_scene;
 mod view;
 
+pub use cells::{CellBand, CellChoice, CellRecord, TakenState};
 pub use coordinates::Coordinates;
 pub use descriptions::{BodyParams, JointFreedom, JointParams, StateRecord};
 pub use error::{BindingError, ErrorKind};

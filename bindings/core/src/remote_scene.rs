@@ -10,12 +10,13 @@ use glam::{Quat, Vec3};
 use rhumb_client::scene::CommandError;
 use rhumb_client::scene::{Answer, Command, Query};
 use rhumb_client::{
-    BodyCentres, BodyId, BodyState, Client, ClientError, ErrorBound, PipelineDepth, RenderTime,
-    ServerConnection, Statistics, Tick,
+    BodyCentres, BodyId, BodyState, Client, ClientError, ErrorBound, Misuse, PipelineDepth,
+    RenderTime, ServerConnection, Statistics, Tick,
 };
 #[cfg(feature = "serve")]
 use rhumb_client::{Checkpoint, CheckpointError};
 
+use crate::cells::{self, CellBand, CellChoice, CellRecord};
 use crate::coordinates::{Coordinates, rounding, units_up};
 use crate::descriptions::{BodyParams, StateRecord};
 use crate::error::BindingError;
@@ -263,6 +264,54 @@ impl RemoteScene {
         Ok(self.client.take_authority(bodies, tolerance)?)
     }
 
+    /// The edges of the scene's cells along x, y and z; 0 along an axis that is not divided. `None` for a scene that is not
+    /// divided, and for one that was not joined by cells.
+    #[must_use]
+    pub fn cell_grid(&self) -> Option<[f32; 3]> {
+        let grid = self.client.cell_grid()?;
+        Some(self.coordinates().cell_edges_out(grid))
+    }
+
+    /// Takes these cells and no others: as [`Client::take_cells`].
+    ///
+    /// # Errors
+    ///
+    /// As [`Client::take_cells`], and [`BindingError::Tolerance`].
+    pub fn take_cells(&mut self, choices: &[CellChoice]) -> Result<(), BindingError> {
+        let grid = self.client.cell_grid().ok_or(Misuse::NotDivided);
+        let grid = grid.map_err(ClientError::from)?;
+        let coordinates = self.coordinates();
+        let cells = choices.iter().map(|of| of.of_client(grid, coordinates));
+        Ok(self.client.take_cells(&cells.collect::<Result<_, _>>()?)?)
+    }
+
+    /// Takes the cells around a point, each by the first band that reaches it: as [`Client::take_cells_around`].
+    ///
+    /// # Errors
+    ///
+    /// As [`Self::take_cells`], and [`BindingError::Value`] for a point or a radius that is none.
+    pub fn take_cells_around(
+        &mut self,
+        point: Vec3,
+        bands: &[CellBand],
+    ) -> Result<(), BindingError> {
+        let coordinates = self.coordinates();
+        let bands = bands.iter().map(|band| band.of_client(coordinates));
+        let bands: Vec<_> = bands.collect::<Result<_, _>>()?;
+        let point = cells::point(point, coordinates)?;
+        Ok(self.client.take_cells_around(point, &bands)?)
+    }
+
+    /// The cells that are taken, and what has become of each.
+    #[must_use]
+    pub fn cells(&self) -> Vec<CellRecord> {
+        let Some(grid) = self.client.cell_grid() else {
+            return Vec::new();
+        };
+        let record = |taken| CellRecord::new(taken, grid, self.coordinates());
+        self.client.cells().map(record).collect()
+    }
+
     /// Publishes the states of bodies under this client's authority: as [`Client::publish`].
     ///
     /// # Errors
@@ -389,7 +438,7 @@ impl RemoteScene {
     pub fn advance(&mut self, depth: PipelineDepth) -> Result<Tick, BindingError> {
         self.begin_view();
         let advanced = self.client.advance(depth);
-        self.centres.forget(self.client.view().removed());
+        self.note_removed();
         self.reported(advanced)
     }
 
@@ -424,7 +473,7 @@ impl RemoteScene {
     pub fn wait(&mut self, depth: PipelineDepth) -> Result<Tick, BindingError> {
         self.begin_view();
         let waited = self.client.wait(depth);
-        self.centres.forget(self.client.view().removed());
+        self.note_removed();
         self.reported(waited)
     }
 
@@ -436,7 +485,7 @@ impl RemoteScene {
     pub fn poll(&mut self) -> Result<RenderTime, BindingError> {
         self.begin_view();
         let polled = self.client.poll();
-        self.centres.forget(self.client.view().removed());
+        self.note_removed();
         self.reported(polled)
     }
 
@@ -444,6 +493,13 @@ impl RemoteScene {
     fn begin_view(&mut self) {
         self.take_events();
         self.view.expire();
+    }
+
+    /// Learns of the bodies that are not in the view any more. No event tells of one that has left the cells of this client.
+    fn note_removed(&mut self) {
+        let (view, grid) = (self.client.view(), self.client.cell_grid());
+        self.centres.forget(view, grid);
+        view.removed().iter().for_each(|id| self.known.add(*id));
     }
 
     /// Keeps the refusals of a call for [`Self::poll_refusal`].
@@ -533,6 +589,7 @@ impl RemoteScene {
     fn take_events(&mut self) {
         let coordinates = self.coordinates();
         while let Some((after, event)) = self.client.poll_event() {
+            self.centres.note(&event);
             let record = EventRecord::new(after, event, coordinates);
             self.known.note(&record);
             if self.events.len() == EVENTS_KEPT {

@@ -46,6 +46,16 @@ namespace Rhumb
             set { raw.tolerance_m = value; }
         }
 
+        /// <summary>
+        /// Whether the scene is taken by cells, if its server divides it: see Scene.TakeCellsAround. The tolerance is then of the
+        /// bodies that are in no cell.
+        /// </summary>
+        public bool Cells
+        {
+            get { return raw.cells != 0; }
+            set { raw.cells = (byte)(value ? 1 : 0); }
+        }
+
         public RhumbStepping Stepping
         {
             get { return (RhumbStepping)raw.stepping; }

@@ -413,6 +413,53 @@ namespace Rhumb
         public static extern RhumbCode rhumb_scene_place(RhumbScene scene, RhumbBody body, System.UIntPtr* place);
 
         /// <summary>
+        ///  Writes the edges of the scene's cells along x, y and z, units of length; 0 along an axis that is not divided. All are 0 for a
+        ///  scene that is not divided, and for one that was joined without `cells`.
+        ///
+        ///  # Safety
+        ///
+        ///  `edges` points to memory for three numbers.
+        /// </summary>
+        [DllImport(__DllName, EntryPoint = "rhumb_scene_cell_grid", CallingConvention = CallingConvention.Cdecl, ExactSpelling = true)]
+        public static extern RhumbCode rhumb_scene_cell_grid(RhumbScene scene, float* edges);
+
+        /// <summary>
+        ///  Takes the cells around a point and no others: each by the first of `count` bands that reaches it, the nearest first. Call it
+        ///  as the point moves: what is taken already costs nothing. It does not wait.
+        ///
+        ///  The view has the bodies of these cells, each once, and those that are in no cell: bodies larger than half an edge, such as
+        ///  floors. A body that leaves the cells is among `removed` of the poses, and no event tells of it: it was not removed from the
+        ///  scene. A scene that is not divided, and more than 256 cells, are `RHUMB_CODE_INVALID`.
+        ///
+        ///  # Safety
+        ///
+        ///  `point` points to three numbers, `bands` to `count` bands.
+        /// </summary>
+        [DllImport(__DllName, EntryPoint = "rhumb_scene_take_cells_around", CallingConvention = CallingConvention.Cdecl, ExactSpelling = true)]
+        public static extern RhumbCode rhumb_scene_take_cells_around(RhumbScene scene, float* point, RhumbCellBand* bands, System.UIntPtr count);
+
+        /// <summary>
+        ///  Takes `count` cells and no others, as `rhumb_scene_take_cells_around`. Of a cell that is there twice, the last one counts.
+        ///
+        ///  # Safety
+        ///
+        ///  `choices` points to `count` cells.
+        /// </summary>
+        [DllImport(__DllName, EntryPoint = "rhumb_scene_take_cells", CallingConvention = CallingConvention.Cdecl, ExactSpelling = true)]
+        public static extern RhumbCode rhumb_scene_take_cells(RhumbScene scene, RhumbCellChoice* choices, System.UIntPtr count);
+
+        /// <summary>
+        ///  Writes the cells that are taken, and what has become of each. `count` receives their number, 256 at most, also if `capacity`
+        ///  is too small for them; then nothing is written to `cells`.
+        ///
+        ///  # Safety
+        ///
+        ///  `cells` points to memory for `capacity` cells, `count` to memory for a number.
+        /// </summary>
+        [DllImport(__DllName, EntryPoint = "rhumb_scene_cells", CallingConvention = CallingConvention.Cdecl, ExactSpelling = true)]
+        public static extern RhumbCode rhumb_scene_cells(RhumbScene scene, RhumbTakenCell* cells, System.UIntPtr capacity, System.UIntPtr* count);
+
+        /// <summary>
         ///  Queues a command: makes a character or a vehicle an ordinary body again.
         ///
         ///  `last` may be null; otherwise it receives the number of the command, which events name.
@@ -1128,6 +1175,11 @@ namespace Rhumb
         /// </summary>
         public byte has_resume_within;
         /// <summary>
+        ///  Not zero: the scene is taken by cells, if its server divides it: `rhumb_scene_take_cells_around`. `tolerance_m` is then
+        ///  of the bodies that are in no cell.
+        /// </summary>
+        public byte cells;
+        /// <summary>
         ///  Units of length per s².
         /// </summary>
         public fixed float gravity[3];
@@ -1285,7 +1337,7 @@ namespace Rhumb
         /// </summary>
         public System.UIntPtr changed_count;
         /// <summary>
-        ///  Bodies that were removed since the last view.
+        ///  Bodies of the last view that are not in this one: removed, or in no cell that is taken.
         /// </summary>
         public RhumbBody* removed;
         /// <summary>
@@ -1328,6 +1380,58 @@ namespace Rhumb
         ///  One for each body.
         /// </summary>
         public byte* resting;
+    }
+
+    /// <summary>
+    ///  All cells within a distance of a point, and the tolerance of their streams.
+    /// </summary>
+    [StructLayout(LayoutKind.Sequential)]
+    public unsafe partial struct RhumbCellBand
+    {
+        /// <summary>
+        ///  From the point to the nearest point of a cell, units of length.
+        /// </summary>
+        public float radius;
+        /// <summary>
+        ///  How far any point of a copied body may be off, metres in any coordinates: 0.001 to 10, or 0 for exact states.
+        /// </summary>
+        public double tolerance_m;
+    }
+
+    /// <summary>
+    ///  A cell to take, and the tolerance of its stream.
+    /// </summary>
+    [StructLayout(LayoutKind.Sequential)]
+    public unsafe partial struct RhumbCellChoice
+    {
+        /// <summary>
+        ///  Its places along x, y and z: from place times edge to place + 1 times edge; 0 along an axis that is not divided.
+        /// </summary>
+        public fixed int places[3];
+        /// <summary>
+        ///  As that of a band.
+        /// </summary>
+        public double tolerance_m;
+    }
+
+    /// <summary>
+    ///  A cell that is taken.
+    /// </summary>
+    [StructLayout(LayoutKind.Sequential)]
+    public unsafe partial struct RhumbTakenCell
+    {
+        /// <summary>
+        ///  Its places along x, y and z.
+        /// </summary>
+        public fixed int places[3];
+        /// <summary>
+        ///  A `RhumbCellState`.
+        /// </summary>
+        public uint state;
+        /// <summary>
+        ///  Why it is denied, a sentence in UTF-8 that ends with a zero byte; otherwise empty.
+        /// </summary>
+        public fixed byte text[192];
     }
 
     /// <summary>
@@ -2358,6 +2462,25 @@ namespace Rhumb
         ///  The bodies that touch `body` after the last step, the deepest contact first; their points lie on `body`.
         /// </summary>
         Contacts,
+    }
+
+    /// <summary>
+    ///  What has become of a cell that is taken.
+    /// </summary>
+    public enum RhumbCellState : uint
+    {
+        /// <summary>
+        ///  Its bodies are not there yet.
+        /// </summary>
+        Awaited,
+        /// <summary>
+        ///  The view has its bodies.
+        /// </summary>
+        Shown,
+        /// <summary>
+        ///  The server denies it: `text` says why. The next call that takes it asks again.
+        /// </summary>
+        Denied,
     }
 
     /// <summary>

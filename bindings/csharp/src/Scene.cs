@@ -70,7 +70,9 @@ namespace Rhumb
             get { return arrays.Changed; }
         }
 
-        /// <summary>Bodies that were removed since the last view. They have no place in the arrays.</summary>
+        /// <summary>
+        /// Bodies of the last view that are not in this one: removed, or in no cell that is taken. They have no place in the arrays.
+        /// </summary>
         public ReadOnlySpan<Body> Removed
         {
             get { return arrays.Removed; }

@@ -1,6 +1,6 @@
 // Random calls of a scene; writes the poses that are shown, with their bounds.
 //
-// Arguments: address, fingerprint, scene, seed, calls, stepping. Each line: tick, fraction, body, position, rotation, bound.
+// Arguments: address, fingerprint, scene, seed, calls, stepping, extent. Each line: tick, fraction, body, position, rotation, bound.
 // The same in Python, C and JavaScript; the tests of the workspace compare the lines with the server's truth.
 
 using System;
@@ -19,12 +19,14 @@ internal static class Shown
     {
         state = ulong.Parse(arguments[3]);
         bool freeRunning = arguments[5] == "free running";
+        bool cells = arguments[6] == "cells";
         var options = new JoinOptions
         {
             Stepping = freeRunning ? RhumbStepping.FreeRunning : RhumbStepping.Lockstep,
             DelayTicks = Pick(4) * 3.0,
             Smooth = Pick(2) == 1,
             WholeTicks = Pick(2) == 1,
+            Cells = cells,
         };
         using (Connection connection = Connection.Open(arguments[0], Trust.Fingerprint(arguments[1]), null, 30))
         using (Scene scene = connection.Join(arguments[2], options))
@@ -33,6 +35,10 @@ internal static class Shown
             for (int left = int.Parse(arguments[4]); left > 0; left--)
             {
                 Call(scene);
+                if (cells && Pick(8) == 0)
+                {
+                    TakeCells(scene);
+                }
                 Step(scene, freeRunning);
                 Show(scene);
             }
@@ -121,6 +127,14 @@ internal static class Shown
         {
             scene.Idle(Pick(20) * 0.001);
         }
+    }
+
+    private static void TakeCells(Scene scene)
+    {
+        float x = Real(-6, 6);
+        float z = Real(-6, 6);
+        scene.TakeCellsAround(
+            new Vec3(x, 0, z), new CellBand(1, 0), new CellBand(3, 0.01), new CellBand(Pick(8), 0.2));
     }
 
     private static void Step(Scene scene, bool freeRunning)

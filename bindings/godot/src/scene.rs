@@ -11,17 +11,21 @@ use godot::classes::object::ConnectFlags;
 use godot::classes::{Engine, INode3D, Node3D};
 use godot::global::Error;
 use godot::meta::ToGodot as _;
+use godot::meta::error::ConvertError;
 use godot::obj::Gd;
 use godot::prelude::*;
 use godot::signal::ConnectHandle;
 use rhumb_bindings::{
-    EventKind, EventRecord, JoinParams, ObjectChange, StateRecord, packed_id, parse_packed_id,
+    BindingError, CellBand, CellChoice, CellRecord, EventKind, EventRecord, JoinParams,
+    ObjectChange, StateRecord, TakenState, packed_id, parse_packed_id,
 };
 use rhumb_client::glam::Vec3;
 use rhumb_client::scene::{
     Answer, Command, Query, QueryFilter, QueryKind, SleepThresholds, Stepping,
 };
-use rhumb_client::{BodyId, Client, ClientError, Event, PipelineDepth, QueryError, QueryResult};
+use rhumb_client::{
+    BodyId, Client, ClientError, Event, Misuse, PipelineDepth, QueryError, QueryResult,
+};
 
 use crate::body::{BodyNode, NodeSleep, SharedMembership, add, set_node, warn_of_other_rate};
 use crate::conversion::{AXES, vec3, vector};
@@ -82,6 +86,10 @@ pub(crate) struct SceneNode {
     #[export(range = (0.0001, 1.0, suffix = "m"))]
     #[init(val = 0.05)]
     tolerance: f64,
+    /// Whether the scene is taken by cells, if its server divides it: see `take_cells_around`. The tolerance is then of the bodies
+    /// that are in no cell, and the children become bodies only with `AddChildren.Always`.
+    #[export]
+    cells: bool,
     /// Source of the ticks of a new scene. In lockstep it has as many in a second as Godot has physics frames.
     #[export]
     stepping: NodeStepping,
@@ -169,7 +177,7 @@ impl SceneNode {
     #[signal]
     fn body_appeared(body: Gd<BodyNode>);
 
-    /// A body was removed. Its node is freed at the end of the frame.
+    /// A body was removed, or is in no cell that is taken. Its node is freed at the end of the frame.
     #[signal]
     fn body_removed(body: Gd<BodyNode>);
 
@@ -273,6 +281,81 @@ impl SceneNode {
         self.membership.as_ref().map_or(0, received)
     }
 
+    /// Edges of the scene's cells along x, y and z, metres; 0 along an axis that is not divided. All are 0 for a scene that is not
+    /// divided, and without the property `cells`.
+    #[func]
+    fn get_cell_grid(&self) -> Vector3 {
+        let grid = |membership: &SharedMembership| membership.borrow().client.cell_grid();
+        let grid = self.membership.as_ref().and_then(grid);
+        grid.map_or(Vector3::ZERO, |grid| Vector3::from_array(grid.edges()))
+    }
+
+    /// Takes the cells around a point and no others. Each band is a radius and a tolerance in metres, the nearest first, as in
+    /// `[Vector2(40, 0.01), Vector2(150, 0.2)]`; a tolerance of 0 is exact. Call it as the point moves: what is taken already
+    /// costs nothing. The bodies of these cells have nodes, and those that are in no cell, such as floors.
+    #[func]
+    fn take_cells_around(&self, point: Vector3, bands: PackedVector2Array) -> Error {
+        let bands = bands.as_slice().iter().map(|band| CellBand {
+            radius: band.x,
+            tolerance_m: f64::from(band.y),
+        });
+        let bands: Vec<_> = bands.collect();
+        self.take("take_cells_around", |client| {
+            let bands = bands.iter().map(|band| band.of_client(AXES));
+            let bands: Vec<_> = bands.collect::<Result<_, _>>()?;
+            Ok(client.take_cells_around(vec3(point), &bands)?)
+        })
+    }
+
+    /// Takes these cells and no others: a tolerance in metres, or 0 for exact states, for each `Vector3i` of places. A cell reaches
+    /// from place times edge to place + 1 times edge; along an axis that is not divided its place is 0.
+    #[func]
+    fn take_cells(&self, cells: VarDictionary) -> Error {
+        let choices = cells.iter_shared().map(|(places, tolerance_m)| {
+            let places = places.try_to::<Vector3i>()?;
+            Ok(CellChoice {
+                places: [places.x, places.y, places.z],
+                tolerance_m: tolerance_m.try_to_relaxed()?,
+            })
+        });
+        let choices: Vec<_> = match choices.collect::<Result<_, ConvertError>>() {
+            Ok(choices) => choices,
+            Err(error) => {
+                godot_error!("take_cells: {error}");
+                return Error::ERR_INVALID_PARAMETER;
+            }
+        };
+        self.take("take_cells", |client| {
+            let grid = client.cell_grid().ok_or(Misuse::NotDivided);
+            let grid = grid.map_err(ClientError::from)?;
+            let cells = choices.iter().map(|choice| choice.of_client(grid, AXES));
+            Ok(client.take_cells(&cells.collect::<Result<_, _>>()?)?)
+        })
+    }
+
+    /// What has become of the cells that are taken: for each `Vector3i` of places `awaited`, `shown`, or why it is denied.
+    #[func]
+    fn get_cells(&self) -> VarDictionary {
+        let mut found = VarDictionary::new();
+        let Some(membership) = &self.membership else {
+            return found;
+        };
+        let membership = membership.borrow();
+        let Some(grid) = membership.client.cell_grid() else {
+            return found;
+        };
+        for taken in membership.client.cells() {
+            let record = CellRecord::new(taken, grid, AXES);
+            let [x, y, z] = record.places;
+            let what = match record.state {
+                TakenState::Denied => record.text,
+                state => state.word().to_owned(),
+            };
+            found.set(Vector3i::new(x, y, z), what.as_str());
+        }
+        found
+    }
+
     /// Asks the server for the nearest body on a line. Returns the number that `ray_answered` will have; negative if the
     /// question was not sent.
     #[func]
@@ -327,11 +410,33 @@ impl SceneNode {
         outcome(call, queued)
     }
 
+    /// Takes cells of the scene; a failure is logged under the name of the call.
+    fn take(
+        &self,
+        call: &str,
+        take: impl FnOnce(&mut Client) -> Result<(), BindingError>,
+    ) -> Error {
+        let Some(membership) = self.membership.clone() else {
+            godot_error!("{call}: no scene is joined");
+            return Error::ERR_UNCONFIGURED;
+        };
+        let taken = take(&mut membership.borrow_mut().client);
+        match taken {
+            Ok(()) => Error::OK,
+            Err(BindingError::Client(error)) => outcome(call, Err(error)),
+            Err(error) => {
+                godot_error!("{call}: {error}");
+                Error::ERR_INVALID_PARAMETER
+            }
+        }
+    }
+
     fn params(&self) -> JoinParams {
         let ticks_per_second = Engine::singleton().get_physics_ticks_per_second();
         JoinParams {
             coordinates: AXES,
             tolerance_m: self.tolerance,
+            cells: self.cells,
             stepping: match self.stepping {
                 NodeStepping::FreeRunning => Stepping::FreeRunning,
                 NodeStepping::Lockstep => Stepping::Lockstep,
@@ -429,7 +534,8 @@ impl SceneNode {
     }
 
     fn begin(mut this: Gd<Self>, client: Client) {
-        let is_empty = client.view().ids().is_empty();
+        // Of a scene that is taken by cells nothing else is known.
+        let is_empty = client.cell_grid().is_none() && client.view().ids().is_empty();
         let membership = Rc::new(RefCell::new(SceneMembership::new(client)));
         warn_of_other_rate(&membership);
         this.bind_mut().membership = Some(Rc::clone(&membership));
@@ -544,9 +650,9 @@ impl SceneNode {
         }
         let (desc, shape) = {
             let membership = membership.borrow();
-            let replica = membership.client.replica();
-            let desc = replica.and_then(|replica| replica.body(state.body));
-            let shape = desc.and_then(|desc| replica?.shape(desc.shape).cloned());
+            let client = &membership.client;
+            let desc = client.body(state.body);
+            let shape = desc.and_then(|desc| client.replica()?.shape(desc.shape).cloned());
             (desc, shape)
         };
         let mut body = BodyNode::new_alloc();

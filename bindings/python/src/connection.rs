@@ -86,6 +86,8 @@ impl PyConnection {
     /// left-handed, y up, metres; "unreal": left-handed, z up, centimetres; "z-up": z up, metres, as in ROS and PyBullet.
     /// condition: "create or join", "create" (the scene must be new), or "join" (it must exist).
     /// tolerance: how far any point of a copied body may be off, 0.001 to 10 metres whatever the coordinates.
+    /// cells: whether the scene is taken by cells, if its server divides it: see Scene.take_cells_around. The tolerance is then
+    /// of the bodies that are in no cell.
     /// refusals: "raise" has the next advance, wait or poll raise RefusedError for what the server refused; "events" leaves
     /// that to events().
     /// resume_within: seconds for which the client tries to continue over another connection; None: as the scene suggests.
@@ -102,7 +104,7 @@ impl PyConnection {
     /// resume_within: seconds for which the session continues over another connection after one that ended, as when the
     /// process stood still for ten seconds; None: a minute if the server keeps its scenes, else not at all.
     #[pyo3(signature = (
-        scene, *, coordinates = "rhumb", condition = "create or join", tolerance = 0.05,
+        scene, *, coordinates = "rhumb", condition = "create or join", tolerance = 0.05, cells = false,
         stepping = "lockstep", ticks_per_second = 60, substeps = 4, publish_interval = 1,
         gravity = None, sleep = None, delay_ticks = 0.0, lead_ticks = 0.0, whole_ticks = false,
         smooth = true, refusals = "raise", resume_within = None,
@@ -116,6 +118,7 @@ impl PyConnection {
         coordinates: &str,
         condition: &str,
         #[pyo3(from_py_with = number::double::tolerance)] tolerance: f64,
+        cells: bool,
         stepping: &str,
         #[pyo3(from_py_with = number::whole::ticks_per_second)] ticks_per_second: u32,
         #[pyo3(from_py_with = number::whole::substeps)] substeps: u32,
@@ -135,6 +138,7 @@ impl PyConnection {
             coordinates: one_of(py, &COORDINATES, coordinates, "coordinates")?,
             condition: one_of(py, &CONDITIONS, condition, "condition")?,
             tolerance_m: tolerance,
+            cells,
             stepping: one_of(py, &STEPPINGS, stepping, "stepping")?,
             ticks_per_second,
             substeps,
@@ -292,7 +296,7 @@ const fn python(value: bool) -> &'static str {
 #[pyfunction]
 #[pyo3(
     signature = (scene = "main", *, fed = false, **options),
-    text_signature = "(scene='main', *, fed=False, coordinates='rhumb', condition='create or join', tolerance=0.05, \
+    text_signature = "(scene='main', *, fed=False, coordinates='rhumb', condition='create or join', tolerance=0.05, cells=False, \
         stepping='lockstep', ticks_per_second=60, substeps=4, publish_interval=1, gravity=None, sleep=None, \
         delay_ticks=0.0, lead_ticks=0.0, whole_ticks=False, smooth=True, refusals='raise', resume_within=None)"
 )]
@@ -328,7 +332,7 @@ pub(crate) fn local<'py>(
         **options
     ),
     text_signature = "(scene='main', *, listen='127.0.0.1:0', open_to_network=False, quiet=False, checkpoint=None, fed=False, coordinates='rhumb', \
-        condition='create or join', tolerance=0.05, \
+        condition='create or join', tolerance=0.05, cells=False, \
         stepping='lockstep', ticks_per_second=60, substeps=4, publish_interval=1, gravity=None, sleep=None, \
         delay_ticks=0.0, lead_ticks=0.0, whole_ticks=False, smooth=True, refusals='raise', resume_within=None)"
 )]

@@ -10,6 +10,7 @@
 mod answers;
 mod arguments;
 mod body;
+mod cells;
 mod connection;
 mod errors;
 mod file;

@@ -521,7 +521,7 @@ impl PyScene {
         })?
     }
 
-    /// Bodies that were removed since the last view.
+    /// Bodies of the last view that are not in this one: removed, or in no cell that is taken.
     #[getter]
     fn removed<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArrayDyn<u64>>> {
         self.with(py, |opened| {

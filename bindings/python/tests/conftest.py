@@ -43,6 +43,14 @@ def server():
     one.end()
 
 
+@pytest.fixture(scope="session")
+def divided():
+    """A server that divides its scenes into columns of ten metres."""
+    one = Server("--open", "--cells", "10")
+    yield one
+    one.end()
+
+
 @pytest.fixture
 def own_server():
     """A server that the test may end."""

@@ -1,6 +1,6 @@
 """Random calls of a scene; writes the poses that are shown, with their bounds.
 
-Arguments: address, fingerprint, scene, seed, calls, stepping. Each line: tick, fraction, body, position, rotation, bound.
+Arguments: address, fingerprint, scene, seed, calls, stepping, extent. Each line: tick, fraction, body, position, rotation, bound.
 The same in C, C# and JavaScript; the tests of the workspace compare the lines with the server's truth.
 """
 
@@ -25,6 +25,7 @@ class Numbers:
 
 def show(scene):
     tick, fraction = scene.time
+    assert len(set(scene.bodies.tolist())) == len(scene)
     rows = zip(scene.bodies, scene.positions, scene.rotations, scene.error_bounds)
     for body, position, rotation, bound in rows:
         assert scene.error_bound(body) == bound and scene.bodies[scene.place(body)] == body
@@ -58,6 +59,11 @@ def call(scene, numbers, bodies):
         scene.idle(numbers.pick(20) * 0.001)
 
 
+def take_cells(scene, numbers):
+    at = (numbers.real(-6, 6), 0, numbers.real(-6, 6))
+    scene.take_cells_around(at, [(1, None), (3, 0.01), (numbers.pick(8), 0.2)])
+
+
 def step(scene, numbers, stepping):
     if stepping == "free running":
         scene.idle(numbers.pick(12) * 0.001)
@@ -69,19 +75,22 @@ def step(scene, numbers, stepping):
 
 
 def main():
-    address, fingerprint, name, seed, calls, stepping = sys.argv[1:]
+    address, fingerprint, name, seed, calls, stepping, extent = sys.argv[1:]
     numbers = Numbers(int(seed))
     options = {
         "stepping": stepping,
         "delay_ticks": numbers.pick(4) * 3.0,
         "smooth": numbers.pick(2) == 1,
         "whole_ticks": numbers.pick(2) == 1,
+        "cells": extent == "cells",
     }
     with rhumb.connect(address, fingerprint=fingerprint).join(name, **options) as scene:
         scene.add_body(rhumb.Shape.cuboid(20, 0.5, 20), (0, -0.5, 0), "fixed")
         bodies = []
         for _ in range(int(calls)):
             call(scene, numbers, bodies)
+            if extent == "cells" and numbers.pick(8) == 0:
+                take_cells(scene, numbers)
             step(scene, numbers, stepping)
             show(scene)
         scene.idle(0.1)

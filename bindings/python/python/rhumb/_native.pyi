@@ -45,6 +45,7 @@ def local(
     coordinates: Literal["rhumb", "unity", "unreal", "z-up"] = "rhumb",
     condition: Literal["create or join", "create", "join"] = "create or join",
     tolerance: float = 0.05,
+    cells: bool = False,
     stepping: Literal["lockstep", "free running"] = "lockstep",
     ticks_per_second: int = 60,
     substeps: int = 4,
@@ -76,6 +77,7 @@ def serve(
     coordinates: Literal["rhumb", "unity", "unreal", "z-up"] = "rhumb",
     condition: Literal["create or join", "create", "join"] = "create or join",
     tolerance: float = 0.05,
+    cells: bool = False,
     stepping: Literal["lockstep", "free running"] = "lockstep",
     ticks_per_second: int = 60,
     substeps: int = 4,
@@ -150,6 +152,7 @@ class Connection:
         coordinates: Literal["rhumb", "unity", "unreal", "z-up"] = "rhumb",
         condition: Literal["create or join", "create", "join"] = "create or join",
         tolerance: float = 0.05,
+        cells: bool = False,
         stepping: Literal["lockstep", "free running"] = "lockstep",
         ticks_per_second: int = 60,
         substeps: int = 4,
@@ -169,6 +172,8 @@ class Connection:
         left-handed, y up, metres; "unreal": left-handed, z up, centimetres; "z-up": z up, metres, as in ROS and PyBullet.
         condition: "create or join", "create" (the scene must be new), or "join" (it must exist).
         tolerance: how far any point of a copied body may be off, 0.001 to 10 metres whatever the coordinates.
+        cells: whether the scene is taken by cells, if its server divides it: see Scene.take_cells_around. The tolerance is then
+        of the bodies that are in no cell.
         refusals: "raise" has the next advance, wait or poll raise RefusedError for what the server refused; "events" leaves
         that to events().
         resume_within: seconds for which the client tries to continue over another connection; None: as the scene suggests.
@@ -845,6 +850,36 @@ class Scene:
         It is sent at once. An event, "authority granted" or "authority denied", answers; a denial raises RefusedError too. A
         second request before the answer raises InvalidError.
         """
+    @property
+    def cell_grid(self) -> Optional[Tuple[float, float, float]]:
+        """Edges of the scene's cells along x, y and z, units of length; 0 along an axis that is not divided.
+
+        Cell (i, j, k) reaches from i times the edge to i + 1 times the edge along x, and so on; along an axis that is not
+        divided, its number is 0. None for a scene that is not divided, and for one that was not joined with cells=True.
+        """
+    def take_cells_around(self, point: _Vector, bands: Sequence[Tuple[float, Optional[float]]]) -> None:
+        """Takes the cells around a point and no others: each with the tolerance of the first band that reaches it.
+
+        bands: pairs of a radius in units of length and a tolerance in metres, the nearest first, as in [(40, 0.01), (150, 0.2)];
+        None in place of a tolerance: exact states. Call it as the point moves: what is taken already costs nothing.
+
+        The view has the bodies of these cells, each once, and those that are in no cell: bodies larger than half an edge,
+        such as floors. A body that leaves the cells is among removed, and no event tells of it: it was not removed from the
+        scene. It does not wait: cells tells which are there.
+
+        Raises InvalidError for a scene whose cell_grid is None, and for more than 256 cells.
+        """
+    def take_cells(self, cells: Mapping[Tuple[int, int, int], Optional[float]]) -> None:
+        """Takes these cells and no others, each with its tolerance in metres; None: exact states. As take_cells_around."""
+    @property
+    def cells(self) -> Dict[Tuple[int, int, int], str]:
+        """What has become of the cells that are taken: "awaited", "shown", or "denied", as denied_cells explains.
+
+        A cell that was denied is asked for again by the next take_cells or take_cells_around.
+        """
+    @property
+    def denied_cells(self) -> Dict[Tuple[int, int, int], str]:
+        """Why the server denies cells that are taken, a sentence each."""
     def publish(
         self,
         body: _Bodies,
@@ -952,7 +987,7 @@ class Scene:
         """Places of the bodies whose pose differs from that of the last view."""
     @property
     def removed(self) -> npt.NDArray[np.uint64]:
-        """Bodies that were removed since the last view."""
+        """Bodies of the last view that are not in this one: removed, or in no cell that is taken."""
     def place(self, body: int) -> Optional[int]:
         """Place of a body in the arrays: scene.positions[scene.place(body)].
 

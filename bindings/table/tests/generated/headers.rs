@@ -9,12 +9,13 @@ pub(crate) const HEADER: &str = "c/include/rhumb.h";
 pub(crate) const IMPORTS: &str = "csharp/src/Native.g.cs";
 
 /// Sources with functions or types that cross the border.
-const SOURCES: [&str; 10] = [
+const SOURCES: [&str; 11] = [
     "border",
     "kinds",
     "descriptions",
     "connection",
     "scene",
+    "cells",
     "generated",
     "commands",
     "feeding",
@@ -23,7 +24,7 @@ const SOURCES: [&str; 10] = [
 ];
 
 /// Enumerations that only fields of type `u32` hold.
-const ENUMERATIONS: [&str; 14] = [
+const ENUMERATIONS: [&str; 15] = [
     "RhumbCoordinates",
     "RhumbJoinCondition",
     "RhumbStepping",
@@ -38,6 +39,7 @@ const ENUMERATIONS: [&str; 14] = [
     "RhumbQueryKind",
     "RhumbEventKind",
     "RhumbRequestKind",
+    "RhumbCellState",
 ];
 
 /// The folder of bindings.

@@ -140,6 +140,23 @@ fn members_of_a_server_in_the_process_take_turns_and_see_each_other_in_c_and_in_
 }
 
 #[test]
+fn a_member_by_cells_shows_each_body_once_in_c_and_in_cpp() {
+    let tests = [
+        (
+            "tests/cells.c",
+            "each body was shown once and within its bound\n",
+        ),
+        ("tests/cells.cpp", "the cells around were shown\n"),
+    ];
+    for (source, expected) in tests {
+        if let Some(program) = Compiled::new(source, Linked::Shared) {
+            let server = SERVER.serve_with("127.0.0.1:0", &["--cells", "10"]);
+            assert_eq!(program.run_with(&server), expected, "{source}");
+        }
+    }
+}
+
+#[test]
 fn followers_of_a_fed_scene_see_what_is_fed_and_ask_its_owner_in_c_and_in_cpp() {
     for source in ["tests/feeding.c", "tests/feeding.cpp"] {
         if let Some(program) = Compiled::new(source, Linked::Shared) {

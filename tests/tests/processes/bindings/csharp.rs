@@ -89,6 +89,17 @@ fn a_character_walks_and_a_vehicle_drives_in_csharp() {
 }
 
 #[test]
+fn a_member_by_cells_shows_what_it_takes_in_csharp() {
+    if let Some(program) = Assembly::new("tests/Cells.cs") {
+        let server = SERVER.serve_with("127.0.0.1:0", &["--cells", "10"]);
+        assert_eq!(
+            program.run_with(&server, &[]),
+            "the cells around were shown\n"
+        );
+    }
+}
+
+#[test]
 fn every_misuse_in_csharp_is_an_exception() {
     if let Some(program) = Assembly::new("tests/Misuse.cs") {
         let server = SERVER.serve_without_log("127.0.0.1:0");

@@ -10,7 +10,8 @@ use std::sync::{Arc, Mutex, PoisonError};
 use std::thread::{self, JoinHandle};
 
 use glam::{DQuat, DVec3};
-use rhumb_reckoning::{BodyId, Pose};
+use rhumb_protocol::scene::CellGrid;
+use rhumb_reckoning::{BodyId, Metres, Pose};
 use rhumb_scene::{Hook, Hooks, Scene};
 use rhumb_server::{Access, Identity, RunError, Server, ServerStatistics, Stop};
 use rhumb_transport::Fingerprint;
@@ -25,8 +26,38 @@ use super::{has, has_all, root, run_well};
 const CALLS: u64 = 400;
 /// Seeds of each language and stepping; `SEEDS=n` tries more.
 const SEEDS: u64 = 2;
+/// Metres along the edge of a cell: the floor is larger than half of it, and no other body is.
+const CELL_EDGE: f64 = 4.0;
 /// Metres that rounding to single precision may cost.
 const ROUNDING: f64 = 1e-4;
+
+/// How a program takes its scene.
+#[derive(Clone, Copy)]
+struct Run {
+    stepping: &'static str,
+    /// `whole` or `cells`.
+    extent: &'static str,
+}
+
+/// Each way.
+const RUNS: [Run; 4] = [
+    Run {
+        stepping: "lockstep",
+        extent: "whole",
+    },
+    Run {
+        stepping: "free running",
+        extent: "whole",
+    },
+    Run {
+        stepping: "lockstep",
+        extent: "cells",
+    },
+    Run {
+        stepping: "free running",
+        extent: "cells",
+    },
+];
 
 /// The pose of every body, and the radius about it that its shape reaches, by tick.
 type TrueTicks = BTreeMap<u64, BTreeMap<BodyId, (Pose, f64)>>;
@@ -57,6 +88,7 @@ impl TruthfulServer {
             Some(Hook::new(move |scene, _| keep(&truth, &name, scene)))
         }));
         let folder = TempDir::new().expect("a folder for the socket");
+        server.scenes.cells = CellGrid::columns(Metres::new(CELL_EDGE));
         server
             .listen_at(&folder.path().join("rhumb.sock"))
             .expect("a new socket");
@@ -77,14 +109,15 @@ impl TruthfulServer {
     }
 
     /// Arguments of a program.
-    fn arguments(&self, scene: &str, seed: u64, stepping: &str) -> [String; 6] {
+    fn arguments(&self, scene: &str, seed: u64, run: Run) -> [String; 7] {
         [
             self.address.to_string(),
             self.fingerprint.to_string(),
             scene.to_owned(),
             seed.to_string(),
             CALLS.to_string(),
-            stepping.to_owned(),
+            run.stepping.to_owned(),
+            run.extent.to_owned(),
         ]
     }
 }
@@ -177,19 +210,17 @@ impl ShownLine {
 }
 
 /// Judges what programs of a language write; `run` gives it for arguments.
-fn judge(language: &str, run: impl Fn(&[String; 6]) -> String) {
+fn judge(language: &str, run: impl Fn(&[String; 7]) -> String) {
     judge_on(&TruthfulServer::start(), language, run);
 }
 
-fn judge_on(server: &TruthfulServer, language: &str, run: impl Fn(&[String; 6]) -> String) {
+fn judge_on(server: &TruthfulServer, language: &str, run: impl Fn(&[String; 7]) -> String) {
     let seeds = std::env::var("SEEDS").map_or(SEEDS, |seeds| seeds.parse().expect("a number"));
     let (mut lines, mut finite, mut misses) = (0_u64, 0_u64, Vec::new());
-    for (seed, stepping) in (1..=seeds).flat_map(|seed| {
-        let of = |stepping| (seed, stepping);
-        [of("lockstep"), of("free running")]
-    }) {
-        let scene = format!("{language}/{}/{seed}", stepping.replace(' ', "-"));
-        let written = run(&server.arguments(&scene, seed, stepping));
+    for (seed, each) in (1..=seeds).flat_map(|seed| RUNS.map(|run| (seed, run))) {
+        let stepping = each.stepping.replace(' ', "-");
+        let scene = format!("{language}/{stepping}/{}/{seed}", each.extent);
+        let written = run(&server.arguments(&scene, seed, each));
         let truth = server.truth.lock().unwrap_or_else(PoisonError::into_inner);
         let ticks = &truth[&scene];
         for line in written.lines() {
@@ -205,7 +236,7 @@ fn judge_on(server: &TruthfulServer, language: &str, run: impl Fn(&[String; 6]) 
         }
     }
     eprintln!(
-        "{language}: {seeds} seeds of {CALLS} calls twice, {lines} poses, {finite} finite bounds, {} misses",
+        "{language}: {seeds} seeds of {CALLS} calls in each way, {lines} poses, {finite} finite bounds, {} misses",
         misses.len()
     );
     assert!(
@@ -243,22 +274,38 @@ fn a_stated_bound_holds_for_the_shown_pose_in_csharp() {
     }
 }
 
-#[test]
-fn a_stated_bound_holds_for_the_shown_pose_in_javascript() {
+/// Node with a program of `bindings/web/test`, the client of browsers and a server's socket; `None`, with a line that says so,
+/// without one of them.
+fn in_node(program: &str, server: &TruthfulServer) -> Option<Command> {
     // The client of browsers is built with the page, where the system has its target.
     let module = rhumb_viewer::asset("/client/rhumb.wasm");
     let module = module.filter(|_| has("node"));
     if !has_all("Node and the client of browsers", module.is_some()) {
-        return;
+        return None;
     }
-    let server = TruthfulServer::start();
     let wasm = server.folder.path().join("rhumb.wasm");
-    let bytes = module.expect("it is there").bytes;
-    std::fs::write(&wasm, bytes).expect("a file of its own");
-    let program = root().join("bindings/web/test/shown.mjs");
-    judge_on(&server, "javascript", |[_, _, of_run @ ..]| {
-        let mut node = Command::new("node");
-        node.args([&program, &wasm, &server.folder.path().join("rhumb.sock")]);
-        run_well(node.args(of_run))
-    });
+    std::fs::write(&wasm, module?.bytes).expect("a file of its own");
+    let mut node = Command::new("node");
+    node.arg(root().join("bindings/web/test").join(program));
+    node.args([wasm, server.folder.path().join("rhumb.sock")]);
+    Some(node)
+}
+
+#[test]
+fn a_stated_bound_holds_for_the_shown_pose_in_javascript() {
+    let server = TruthfulServer::start();
+    if in_node("shown.mjs", &server).is_some() {
+        judge_on(&server, "javascript", |[_, _, of_run @ ..]| {
+            let node = in_node("shown.mjs", &server);
+            run_well(node.expect("it is there").args(of_run))
+        });
+    }
+}
+
+#[test]
+fn a_member_by_cells_shows_what_it_takes_in_javascript() {
+    let server = TruthfulServer::start();
+    if let Some(mut node) = in_node("cells.mjs", &server) {
+        assert_eq!(run_well(&mut node), "the cells around were shown\n");
+    }
 }
