@@ -20,7 +20,7 @@ use rhumb_protocol::scene::SceneName;
 use rhumb_transport::io_runtime;
 use serde_json::{Value, json};
 use tokio::sync::oneshot;
-use tokio::time::{sleep, timeout};
+use tokio::time::sleep;
 
 use crate::http;
 use crate::metrics::Metrics;
@@ -57,8 +57,7 @@ impl Sidecar {
         (method, path): (Method, &str),
         body: Option<&Value>,
     ) -> Option<(StatusCode, Bytes)> {
-        let asked = http::ask(("127.0.0.1", self.port), (method, path), body);
-        timeout(ANSWER_TIME, asked).await.ok().flatten()
+        http::ask(("127.0.0.1", self.port), (method, path), body, ANSWER_TIME).await
     }
 }
 

@@ -4,7 +4,7 @@
 //! what the answering function reads.
 //!
 //! Peers cannot hold a thread up: connections are bounded, also those of one address, and so are heads, bodies and times
-//! of requests. A system without descriptors is asked again.
+//! of requests, and bytes and times of the answers to our own. A system without descriptors is asked again.
 
 use std::collections::BTreeMap;
 use std::convert::Infallible;
@@ -26,6 +26,7 @@ use hyper::{Method, Request, Response, StatusCode};
 use hyper_util::rt::{TokioIo, TokioTimer};
 use rhumb_transport::io_runtime;
 use serde_json::Value;
+use tokio::io::AsyncReadExt;
 use tokio::net::TcpStream;
 use tokio::sync::{Semaphore, oneshot};
 use tokio::time::timeout;
@@ -39,19 +40,33 @@ const HEAD_BYTES_MAX: usize = 16 << 10;
 /// Longest body of a request.
 const BODY_BYTES_MAX: usize = 4 << 10;
 
-/// Longest answer that is read.
+/// Longest body of an answer that is read.
 const ANSWER_BYTES_MAX: usize = 1 << 20;
+/// Bytes that are read of a peer that is asked: an answer with its heads, of which there may be any number.
+const ASKED_BYTES_MAX: u64 = (ANSWER_BYTES_MAX + (64 << 10)) as u64;
 
-/// Asks another server once, with JSON or without a body, by a connection of its own; `None` without a whole answer. The host
-/// may be an address of IPv6 in brackets, as in a URL.
+/// Asks another server once, with JSON or without a body, by a connection of its own; `None` without a whole answer within
+/// the time. The host may be an address of IPv6 in brackets, as in a URL.
 pub(crate) async fn ask(
+    peer: (&str, u16),
+    call: (Method, &str),
+    body: Option<&Value>,
+    within: Duration,
+) -> Option<(StatusCode, Bytes)> {
+    let asked = timeout(within, exchange(peer, call, body));
+    asked.await.ok().flatten()
+}
+
+async fn exchange(
     (host, port): (&str, u16),
     (method, path): (Method, &str),
     body: Option<&Value>,
 ) -> Option<(StatusCode, Bytes)> {
     let body = Bytes::from(body.map(Value::to_string).unwrap_or_default());
     let stream = TcpStream::connect((host.trim_matches(['[', ']']), port)).await;
-    let (mut sender, connection) = client::handshake(TokioIo::new(stream.ok()?)).await.ok()?;
+    let (reads, writes) = stream.ok()?.into_split();
+    let stream = tokio::io::join(reads.take(ASKED_BYTES_MAX), writes);
+    let (mut sender, connection) = client::handshake(TokioIo::new(stream)).await.ok()?;
     let request = Request::builder()
         .method(method)
         .uri(path)
@@ -541,6 +556,42 @@ mod tests {
             sent.is_ok() && stream.read_to_string(&mut given).is_ok() && given.contains("200 OK")
         });
         assert!(served);
+    }
+
+    /// What a request gets from a peer that sends this again and again, then nothing more, and keeps the connection.
+    fn asked(sent: &'static [u8], times: usize, within: Duration) -> Option<(StatusCode, Bytes)> {
+        let listener = TcpListener::bind("127.0.0.1:0").unwrap();
+        let port = listener.local_addr().unwrap().port();
+        let peer = thread::spawn(move || {
+            let (mut stream, _) = listener.accept().unwrap();
+            let sent = (0..times).try_for_each(|_| stream.write_all(sent));
+            // A reader that has enough closes.
+            sent.is_ok().then_some(stream)
+        });
+        let asking = ask(("127.0.0.1", port), (Method::GET, "/"), None, within);
+        let answer = io_runtime().unwrap().block_on(asking);
+        drop(peer.join());
+        answer
+    }
+
+    const EARLY_HINTS: &[u8] = b"HTTP/1.1 103 Early Hints\r\n\r\n";
+
+    #[test]
+    fn a_peer_that_announces_an_answer_without_end_is_given_up_after_so_many_bytes() {
+        assert_eq!(asked(EARLY_HINTS, usize::MAX, Duration::MAX), None);
+    }
+
+    #[test]
+    fn a_peer_that_announces_an_answer_and_sends_none_has_its_time() {
+        assert_eq!(asked(EARLY_HINTS, 3, Duration::from_millis(50)), None);
+    }
+
+    #[test]
+    fn an_answer_counts_whatever_announced_it_and_though_its_connection_stays() {
+        const ANSWER: &[u8] =
+            b"HTTP/1.1 102 Processing\r\n\r\nHTTP/1.1 200 OK\r\nContent-Length: 2\r\n\r\nok";
+        let expected = (StatusCode::OK, Bytes::from_static(b"ok"));
+        assert_eq!(asked(ANSWER, 1, LONG), Some(expected));
     }
 
     #[test]

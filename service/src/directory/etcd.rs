@@ -17,7 +17,6 @@ use rhumb_protocol::limits::EXTENSION_BYTES_MAX;
 use rhumb_protocol::scene::SceneName;
 use serde_json::{Value, json};
 use tokio::sync::Semaphore;
-use tokio::time::timeout;
 
 use super::claims::{DirectoryAnswer, DirectoryRequest, Epoch, LeaseId, ServerPlace};
 use super::handovers::{Board, Notice};
@@ -111,8 +110,7 @@ impl Etcd {
             _ => None,
         };
         let (path, body) = body_of(request, place);
-        let answer = timeout(limit, self.post_to_first(path, &body)).await;
-        let answer = answer.ok().flatten();
+        let answer = self.post_to_first(path, &body, limit).await;
         let answer = answer.and_then(|(status, answer)| read(request, status, &answer));
         answer.unwrap_or_else(|| {
             self.try_another();
@@ -122,8 +120,8 @@ impl Etcd {
 
     /// Asks once for anything else; `None` without a good answer.
     async fn ask(&self, path: &str, body: &Value) -> Option<Value> {
-        let asked = timeout(ANSWER_TIME, self.post_to_first(path, body)).await;
-        let answer = asked.ok().flatten().and_then(|(status, answer)| {
+        let asked = self.post_to_first(path, body, ANSWER_TIME).await;
+        let answer = asked.and_then(|(status, answer)| {
             let answer = serde_json::from_slice(&answer).ok()?;
             (status == StatusCode::OK).then_some(answer)
         });
@@ -133,10 +131,15 @@ impl Etcd {
         answer
     }
 
-    async fn post_to_first(&self, path: &str, body: &Value) -> Option<(StatusCode, Bytes)> {
+    async fn post_to_first(
+        &self,
+        path: &str,
+        body: &Value,
+        within: Duration,
+    ) -> Option<(StatusCode, Bytes)> {
         let first = self.first.load(Ordering::Relaxed);
         let (host, port) = &self.endpoints.0[first % self.endpoints.0.len()];
-        http::ask((host, *port), (Method::POST, path), Some(body)).await
+        http::ask((host, *port), (Method::POST, path), Some(body), within).await
     }
 
     /// The next endpoint may know more.
