@@ -29,6 +29,8 @@ pub use self::peers::{LocalPeers, WithLocalPeers, is_local_peer};
 
 /// Inputs that the server's thread handles before outputs and ticks get their turn.
 const INPUTS_PER_TURN: usize = 256;
+/// Time after which no further one is handled before them.
+const INPUTS_TIME: Span = Span::from_millis(1);
 /// Stack of the server's thread: what a main thread has.
 const STACK_BYTES: usize = 8 << 20;
 
@@ -224,9 +226,13 @@ fn run(driver: &mut Driver<SceneRouter>, inputs: &Receiver<Queued>) {
         };
         match first {
             Ok(first) => {
+                let until = driver.clock.now() + INPUTS_TIME;
                 first.handle(driver);
                 for message in inputs.try_iter().take(INPUTS_PER_TURN) {
                     message.handle(driver);
+                    if driver.clock.now() > until {
+                        break;
+                    }
                 }
             }
             Err(RecvTimeoutError::Timeout) => {}

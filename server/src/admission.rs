@@ -325,6 +325,8 @@ impl Drop for SceneLoad {
 #[derive(Debug)]
 pub(crate) struct CommandPace {
     commands: usize,
+    /// True if a turn with commands took all of its time.
+    is_full: bool,
     /// True if a snapshot was begun or continued.
     is_sending: bool,
     bodies: usize,
@@ -335,6 +337,9 @@ pub(crate) struct CommandPace {
     until: Instant,
 }
 
+/// Time for the messages of a scene that runs by the clock, between two calls for its ticks: however many come, a tick is no
+/// later than that, and the one message that exceeds it.
+pub(crate) const TURNS_TIME: Span = Span::from_millis(2);
 /// Commands since a step from which on they are many: a turn of one connection.
 const MANY: usize = 512;
 /// Bodies that may always be added between two steps: some 0.4 s of a step if 80,000 stand on one.
@@ -353,6 +358,7 @@ impl CommandPace {
     pub(crate) const fn new() -> Self {
         Self {
             commands: 0,
+            is_full: false,
             is_sending: false,
             bodies: 0,
             adders: BTreeSet::new(),
@@ -364,6 +370,11 @@ impl CommandPace {
     /// Counts a command, whether it is applied or refused.
     pub(crate) const fn note_command(&mut self) {
         self.commands += 1;
+    }
+
+    /// A turn took all of its time: its commands, if it had some, are many.
+    pub(crate) const fn note_full_turn(&mut self) {
+        self.is_full |= self.commands > 0;
     }
 
     /// The snapshot of a member begins, or its link took a piece of it.
@@ -388,13 +399,14 @@ impl CommandPace {
         };
         self.bodies_max = self.bodies_max.clamp(BODIES_LEAST, BODIES_MOST);
         self.until = now + took + took.min(SHARE_MAX);
-        (self.commands, self.bodies, self.is_sending) = (0, 0, false);
+        (self.commands, self.bodies) = (0, 0);
+        (self.is_full, self.is_sending) = (false, false);
         self.adders.clear();
     }
 
     /// The moment before which no step begins: that at which snapshots have had their time, and commands if they are many.
     pub(crate) const fn next_step(&self) -> Instant {
-        match self.commands >= MANY || self.is_sending {
+        match self.commands >= MANY || self.is_full || self.is_sending {
             true => self.until,
             false => Instant::ZERO,
         }

@@ -49,6 +49,8 @@ pub struct SceneLoop {
     running: Option<RunningScene>,
     clients: Clients,
     retry_at: Instant,
+    /// The time that messages may still take before the next call for ticks.
+    turns_left: Span,
     settings: Arc<SceneSettings>,
     /// Number of scenes of this name that have begun.
     begun: u32,
@@ -121,6 +123,7 @@ impl SceneLoop {
             running: None,
             clients: Clients::new(settings.limits),
             retry_at: Instant::ZERO,
+            turns_left: admission::TURNS_TIME,
             begun: 0,
             bakery: Bakery::new(settings.bakers.clone()),
             settings,
@@ -664,7 +667,7 @@ impl Endpoint for SceneLoop {
         }
         let client = self.clients.get(from);
         if client.is_some_and(|client| client.turn == Turn::AtOnce) {
-            self.take_turn(now, from);
+            self.take_turn_at_once(now, from);
         }
     }
 
@@ -736,9 +739,9 @@ impl Endpoint for SceneLoop {
 
     fn handle_timeout(&mut self, now: Instant) {
         self.clients.at(now);
-        for peer in self.clients.take_in_turn(Turn::Queued) {
-            self.take_turn(now, peer);
-        }
+        self.turns_left = admission::TURNS_TIME;
+        let queued = self.clients.take_in_turn(Turn::Queued);
+        self.take_turns(now, &queued);
         if let Some(running) = &mut self.running {
             self.settings.heartbeat.beat();
             running.handle_timeout(now, &mut self.clients);

@@ -473,8 +473,34 @@ const EVENT_BYTES: usize = 256 << 10;
 const RETRY: Span = Span::from_millis(20);
 
 impl SceneLoop {
+    /// Handles the messages of a connection that has sent something, or leaves them for the next call: others had the time.
+    pub(super) fn take_turn_at_once(&mut self, now: Instant, peer: Peer) {
+        if self.turns_left == Span::ZERO && self.is_turn_timed(peer) {
+            self.clients.set_turn(peer, Turn::Queued);
+        } else {
+            self.take_turn(now, peer, self.turns_left);
+        }
+    }
+
+    /// Gives each of these connections a turn, with its part of the time that is left, and one message without.
+    pub(super) fn take_turns(&mut self, now: Instant, peers: &[Peer]) {
+        for (place, peer) in peers.iter().enumerate() {
+            let waiting = (peers.len() - place) as u64;
+            let share = Span::from_nanos(self.turns_left.as_nanos() / waiting);
+            self.take_turn(now, *peer, share);
+        }
+    }
+
+    /// True if the turns of a connection are bounded by time: the members of a lockstep scene wait for one another anyway.
+    fn is_turn_timed(&self, peer: Peer) -> bool {
+        let running = self.running.as_ref();
+        let by_clock = |of: &RunningScene| of.config().stepping == Stepping::FreeRunning;
+        self.clients.is_paced(peer) && running.is_some_and(by_clock)
+    }
+
     /// Handles a connection's messages, until none is left, it must wait, or others have their turn.
-    pub(super) fn take_turn(&mut self, now: Instant, peer: Peer) {
+    fn take_turn(&mut self, now: Instant, peer: Peer, share: Span) {
+        let (begun, is_timed) = ((self.settings.clock)(), self.is_turn_timed(peer));
         let mut left = if self.clients.is_paced(peer) {
             MESSAGES_PER_TURN
         } else {
@@ -514,9 +540,20 @@ impl SceneLoop {
             self.settings.heartbeat.beat();
             self.handle_message(now, peer, message);
             self.answer_if_long();
+            if is_timed && (self.settings.clock)().since(begun) >= share {
+                left = 0;
+                if let Some(running) = &mut self.running {
+                    running.pace.note_full_turn();
+                }
+            }
         }
         self.end_if_broken(peer);
         self.answer_pending();
+        if is_timed {
+            let took = (self.settings.clock)().since(begun).as_nanos();
+            let left = self.turns_left.as_nanos().saturating_sub(took);
+            self.turns_left = Span::from_nanos(left);
+        }
     }
 
     /// Sends the scene events if there are many.
@@ -559,9 +596,7 @@ impl SceneLoop {
             let since = self.waits_to_bake_since(*peer);
             (since.is_none(), since)
         });
-        for peer in blocked {
-            self.take_turn(now, peer);
-        }
+        self.take_turns(now, &blocked);
     }
 
     /// The moment since which a connection's solid waits for others; `None` if none does.

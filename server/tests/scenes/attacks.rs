@@ -5,6 +5,8 @@
 //! takes everything. Caught: 2,000 joins in 10 kB queued 7 GB; an inspection sorted 4,096 steps; a member that read
 //! slower than another one uploaded was closed.
 
+use std::sync::atomic::{AtomicU64, Ordering};
+
 use rhumb_protocol::limits::{
     ANGULAR_MAX, DENSITY_MAX, EXTENT_MAX, GRANT, LINEAR_MAX, RATE_MAX, RESERVE_MAX,
 };
@@ -15,7 +17,7 @@ use rhumb_protocol::scene::{
 };
 use rhumb_protocol::{Ending, Endpoint, Instant, Peer, Span};
 use rhumb_reckoning::{BodyId, BodyState, Tick};
-use rhumb_scene::Limits;
+use rhumb_scene::{Limits, SceneSettings};
 
 use crate::links::{Links, create, join};
 
@@ -107,6 +109,47 @@ fn pipelined_inspections_and_pings_wait_unread_until_their_answers_are_taken() {
     let counts = links.counts(ATTACKER);
     assert_eq!((counts.inspections, counts.pongs), (32_000, 32_000));
     assert_eq!(counts.closed, None);
+}
+
+#[test]
+fn messages_in_many_reads_have_a_bounded_time_between_two_ticks() {
+    const READS: usize = 40;
+    const EACH: usize = 400;
+    const READING: u64 = 10_000;
+    // Each reading of the clock takes its time.
+    let time = AtomicU64::new(0);
+    let clock = move || Instant::from_nanos(time.fetch_add(READING, Ordering::Relaxed));
+    let mut links = Links::with(SceneSettings::new(clock));
+    links.begin(ATTACKER, Stepping::FreeRunning);
+    links.connect(VICTIM);
+    links.send(VICTIM, &[join()]);
+    links.take(VICTIM, usize::MAX);
+    links.pass(Span::from_millis(100));
+    let ping = ClientMessage::Ping {
+        sent: Instant::ZERO,
+    };
+    for _ in 0..READS {
+        links.send(ATTACKER, &vec![ping.clone(); EACH]);
+    }
+    let at_once = links.counts(ATTACKER).pongs;
+    assert!(
+        (1..=200).contains(&at_once),
+        "{at_once} in two milliseconds"
+    );
+    // One call for ticks has the next part of the flood, and whatever others sent.
+    links.send(VICTIM, &[ping]);
+    assert_eq!(links.counts(VICTIM).pongs, 0, "the time was used");
+    links.server.handle_timeout(links.now);
+    links.collect();
+    assert_eq!(links.counts(VICTIM).pongs, 1);
+    let then = links.counts(ATTACKER).pongs - at_once;
+    assert!((1..=200).contains(&then), "{then} in two milliseconds");
+    for _ in 0..100 {
+        links.take(ATTACKER, usize::MAX);
+        links.pass(Span::from_millis(20));
+    }
+    assert_eq!(links.counts(ATTACKER).pongs, READS * EACH, "none is lost");
+    assert_eq!(links.counts(ATTACKER).closed, None);
 }
 
 #[test]

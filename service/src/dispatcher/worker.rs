@@ -23,8 +23,8 @@ use crate::durable::{DataDir, Followed, Generation, LogTail, StoredScenes, Wake}
 
 /// Inputs of one turn, before outputs and ticks.
 const INPUTS_PER_TURN: usize = 256;
-/// Time of one turn's steps, beyond which no further one begins.
-const STEPS_TIME: Span = Span::from_millis(1);
+/// Time of one turn's inputs, and of its steps, beyond which no further one begins.
+const TURN_TIME: Span = Span::from_millis(1);
 /// Stack of a worker's thread: what a main thread has.
 const STACK_BYTES: usize = 8 << 20;
 
@@ -343,13 +343,18 @@ fn run(
             }
             Err(RecvTimeoutError::Timeout) => {}
             Ok(input) => {
-                worker.handle(clock(), input);
+                let begun = clock();
+                worker.handle(begun, input);
                 for input in inputs.try_iter().take(INPUTS_PER_TURN) {
                     if matches!(input, ThreadInput::Input(WorkerInput::End)) {
                         return;
                     }
                     heartbeat.beat();
-                    worker.handle(clock(), input);
+                    let now = clock();
+                    worker.handle(now, input);
+                    if now > begun + TURN_TIME {
+                        break;
+                    }
                 }
             }
         }
@@ -362,7 +367,7 @@ fn run(
 fn run_due(scene: &mut SceneLoop, heartbeat: &Heartbeat, clock: &SharedClock) {
     let begun = clock();
     let mut now = begun;
-    while scene.poll_timeout().is_some_and(|wake| wake.at <= now) && now <= begun + STEPS_TIME {
+    while scene.poll_timeout().is_some_and(|wake| wake.at <= now) && now <= begun + TURN_TIME {
         heartbeat.beat();
         scene.handle_timeout(now);
         now = clock();
