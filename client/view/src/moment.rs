@@ -69,7 +69,6 @@ pub(crate) enum MomentMotion {
 
 impl MomentMotion {
     /// The motion of a body at a moment; `None` for a body that does not exist then. `step`: the time between two ticks.
-    #[inline(never)]
     pub(crate) fn of(
         stream: &Subscriber,
         id: BodyId,
@@ -152,7 +151,6 @@ impl<'a> Leap<'a> {
     /// A push changes the velocity at some moment of the time, and from then on the body moves as the newer track has it. So
     /// it is apart by a part of the way that the change of its velocity makes in the time, in that direction. A command
     /// that places a body leaves its velocity as it is. `tick`: one at which the newer track is in force.
-    #[inline(never)]
     pub(crate) fn is_jump(&self, stream: &Subscriber, id: BodyId, tick: Tick) -> bool {
         let Some(radius) = stream.radius_at(id, tick) else {
             return false;
@@ -215,8 +213,6 @@ impl ShownPose {
 /// The truth between two ticks lies between those of the ticks: its position on the straight line, its rotation on the
 /// shortest turn. A body that jumps at the next tick is at its first place until then. The rounding of the shown pose to 32
 /// bits counts from [`COUNTED_ROUNDING`] on. `step`: the time between two ticks.
-// Inlined where it is called, it makes the module of browsers larger; so do the others that are not.
-#[inline(never)]
 pub(crate) fn shown_bound(
     stream: &Subscriber,
     id: BodyId,
@@ -268,7 +264,6 @@ pub(crate) struct Crossing<'s> {
 
 impl Crossing<'_> {
     /// The motion of the body at a moment before the tick at which it crosses; `None` if it does not cross then.
-    #[inline(never)]
     pub(crate) fn motion(&self, at: RenderTime, step: Seconds) -> Option<MomentMotion> {
         let ((from, local), (to, there)) = (self.from, self.to);
         let next = at.tick + Ticks::new(1);

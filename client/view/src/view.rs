@@ -191,8 +191,6 @@ impl View {
     }
 
     /// Computes the view of a moment. The client calls this in each frame.
-    // Inlined for a scene and for its cells, it makes the module of browsers larger.
-    #[inline(never)]
     pub fn refresh(&mut self, stream: &mut Subscriber, render_params: &RenderParams) {
         self.changed.clear();
         self.removed.clear();
