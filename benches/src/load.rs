@@ -9,6 +9,8 @@
 //! the server are those that it states at its metrics address, and the processor time and memory that the system states
 //! for its processes.
 
+mod abuses;
+mod attacker;
 mod edges;
 mod filling;
 mod frames;
@@ -60,7 +62,7 @@ enum OtherLoad {
     Frames(frames::FramesArguments),
     /// Measure what tokens, durability and worker processes of a server cost.
     Service(service::ServiceArguments),
-    /// Measure a scene's frames while another scene of the server is abused.
+    /// Measure a scene's ticks while another client abuses the server.
     Neighbour(neighbour::NeighbourArguments),
     /// Measure what members cost a server that has edges, and how they come back when an edge is killed or frozen.
     Edges(edges::EdgesArguments),

@@ -126,6 +126,17 @@ pub(crate) fn work_ns() -> Option<u64> {
     None
 }
 
+/// Lowers the priority of the calling thread, and of those that it starts: others have the cores first.
+#[cfg(target_os = "linux")]
+pub(crate) fn lower_priority() {
+    // On Linux the call concerns the one thread. A system that refuses it leaves the priority as it is.
+    let _ = rustix::process::setpriority_process(None, 10);
+}
+
+/// The system has no such call.
+#[cfg(not(target_os = "linux"))]
+pub(crate) const fn lower_priority() {}
+
 /// Processes that ran or waited for a processor, on average over the last minute; `None` where the system does not say.
 /// Source: proc_loadavg(5).
 pub(crate) fn load_average() -> Option<f64> {

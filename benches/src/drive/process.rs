@@ -240,6 +240,11 @@ impl ServerProcess {
         Err(io::ErrorKind::Unsupported.into())
     }
 
+    /// True once it has ended by itself.
+    pub(crate) fn has_ended(&mut self) -> bool {
+        matches!(self.child.try_wait(), Ok(Some(_)))
+    }
+
     /// Its process id.
     pub(crate) fn id(&self) -> u32 {
         self.child.id()

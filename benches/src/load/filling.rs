@@ -13,11 +13,12 @@ use std::time::{Duration, Instant};
 use clap::Args;
 use glam::Vec3;
 use rhumb_client::scene::{BodyBuilder, BodyDesc, SceneConfig, Shape, Stepping};
-use rhumb_client::{Client, Event, JoinMode, JoinOptions, Trust};
+use rhumb_client::{Client, Event, JoinMode, JoinOptions, PipelineDepth, Trust};
+use rhumb_reckoning::Tick;
+use rhumb_sims::NAMES;
 use serde::{Deserialize, Serialize};
 
-use super::neighbour::MeasuredScene;
-use super::rig::{FrameTimes, ServerArguments};
+use super::rig::{FrameTimes, ServerArguments, script, take_ids};
 use crate::drive::ServerProcess;
 use crate::numbers::{self, markdown, number};
 use crate::output::{self, Failure, Provenance, write};
@@ -41,6 +42,26 @@ pub(super) struct FillingArguments {
     /// Folder for filling.json; created if missing.
     #[arg(long, default_value = "results/filling")]
     out: PathBuf,
+}
+
+/// The scene whose frames are measured, alone and beside another.
+#[derive(Clone, Debug, Args)]
+struct MeasuredScene {
+    /// The scene that is measured.
+    #[arg(long, default_value = "ball-pit", value_parser = clap::builder::PossibleValuesParser::new(NAMES))]
+    scene: String,
+    /// Its number of bodies.
+    #[arg(long, default_value = "150")]
+    bodies: u32,
+    /// Ticks of each run.
+    #[arg(long, default_value = "600", value_parser = clap::value_parser!(u32).range(1..=100_000))]
+    ticks: u32,
+    /// Runs alone, and as many beside each other scene.
+    #[arg(long, default_value = "5", value_parser = clap::value_parser!(u32).range(1..=1_000))]
+    runs: u32,
+    /// Seed of the scene.
+    #[arg(long, default_value = "1")]
+    seed: u64,
 }
 
 /// Content of `filling.json`.
@@ -123,6 +144,35 @@ fn measure(arguments: &FillingArguments) -> Result<Filling, Failure> {
         beside: FrameTimes::of(&beside),
         filled,
     })
+}
+
+impl MeasuredScene {
+    /// Steps the script once in a scene of its own, and adds the time of each frame behind the first.
+    fn step(&self, server: &ServerProcess, took: &mut Vec<Duration>) -> Result<(), Failure> {
+        let mut script = script(&self.scene, self.bodies, self.seed)?;
+        let options = JoinOptions {
+            mode: JoinMode::Create(script.config()),
+            ..JoinOptions::default()
+        };
+        let trust = Trust::Fingerprint(server.fingerprint);
+        let connection = Client::connect(&server.address.to_string(), trust)?;
+        let mut client = connection.join_with("measured/scene", options)?;
+        for tick in 0..u64::from(self.ticks) {
+            let mut commands = Vec::new();
+            script.commands(Tick::new(tick), &mut commands);
+            take_ids(&mut client, &commands)?;
+            let begun = Instant::now();
+            for command in commands {
+                client.command(command)?;
+            }
+            client.advance(PipelineDepth::LOCKSTEP)?;
+            if tick > 0 {
+                took.push(begun.elapsed());
+            }
+            while client.poll_event().is_some() {}
+        }
+        Ok(client.delete()?)
+    }
 }
 
 /// The bodies of a scene that is filled.

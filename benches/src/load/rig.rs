@@ -3,9 +3,10 @@
 //! Processor time and memory are those that the system states for its processes.
 
 use std::collections::BTreeMap;
-use std::io::{Read, Write};
+use std::fs;
+use std::io::{self, Read, Write};
 use std::net::{SocketAddr, TcpStream};
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::process::Command as Program;
 use std::time::{Duration, Instant};
 
@@ -29,18 +30,25 @@ pub(super) struct ServerArguments {
     /// Cores that the server may use [default: all].
     #[arg(long, value_name = "CORES", value_delimiter = ',')]
     server_cores: Vec<usize>,
+    /// Address space of each process of the server, MiB; one that needs more ends [default: no limit].
+    #[arg(long, value_name = "MIB")]
+    address_space: Option<u64>,
     /// Further flags of the server, after `--`.
     #[arg(last = true)]
     flags: Vec<String>,
 }
 
 impl ServerArguments {
-    /// A command of the server's program, without arguments.
-    pub(super) fn program(&self) -> Result<Program, Failure> {
-        Ok(Program::new(match &self.server {
+    fn path(&self) -> Result<PathBuf, Failure> {
+        Ok(match &self.server {
             Some(program) => program.clone(),
             None => std::env::current_exe()?.with_file_name("rhumb-server"),
-        }))
+        })
+    }
+
+    /// A command of the server's program, without arguments.
+    pub(super) fn program(&self) -> Result<Program, Failure> {
+        Ok(Program::new(self.path()?))
     }
 
     /// Starts the server on a free port of loopback, and waits until it listens.
@@ -50,11 +58,77 @@ impl ServerArguments {
         awaited: Option<BesideListener>,
     ) -> Result<ServerProcess, Failure> {
         let mut command = self.program()?;
+        if let Some(mib) = self.address_space {
+            // The shell becomes the server, which has its number and its limit.
+            command = Program::new("sh");
+            let limited = format!("ulimit -v {} && exec \"$0\" \"$@\"", mib * 1_024);
+            command.args(["-c", &limited]).arg(self.path()?);
+        }
         command.args(["--listen", "127.0.0.1:0"]).args(more);
         command.args(&self.flags);
         let cores = &self.server_cores;
         Ok(ServerProcess::run_on(cores, &mut command, awaited)?)
     }
+}
+
+/// A key of tokens in a folder.
+pub(super) struct TokenKey(PathBuf);
+
+impl TokenKey {
+    /// Makes a new key.
+    pub(super) fn make(server: &ServerArguments, folder: &Path) -> Result<Self, Failure> {
+        let key = folder.join("key");
+        output_of(server.program()?.args(["token", "--new-key"]).arg(&key))?;
+        Ok(Self(key))
+    }
+
+    /// The file that a server checks tokens by.
+    pub(super) fn public(&self) -> PathBuf {
+        self.0.with_extension("pub")
+    }
+
+    /// A token of a client for the scenes of a pattern.
+    pub(super) fn token(
+        &self,
+        server: &ServerArguments,
+        (client, role): (&str, &str),
+        scenes: &str,
+    ) -> Result<String, Failure> {
+        let mut program = server.program()?;
+        program.arg("token").arg("--key").arg(&self.0);
+        program.args(["--client", client, "--scene", scenes, "--role", role]);
+        output_of(&mut program)
+    }
+}
+
+/// Runs a program to its end; returns its output.
+fn output_of(program: &mut Program) -> Result<String, Failure> {
+    let output = program.output()?;
+    if output.status.success() {
+        return Ok(String::from_utf8(output.stdout)?);
+    }
+    let cause = String::from_utf8_lossy(&output.stderr);
+    Err(format!("{program:?} failed: {cause}").into())
+}
+
+/// Bytes of a file, or of all files below a folder; what the server has removed meanwhile has none.
+pub(super) fn bytes_in(path: &Path) -> io::Result<u64> {
+    match bytes_found(path) {
+        Err(cause) if cause.kind() == io::ErrorKind::NotFound => Ok(0),
+        found => found,
+    }
+}
+
+fn bytes_found(path: &Path) -> io::Result<u64> {
+    let metadata = fs::symlink_metadata(path)?;
+    if !metadata.is_dir() {
+        return Ok(metadata.len());
+    }
+    let mut bytes = 0;
+    for entry in fs::read_dir(path)? {
+        bytes += bytes_in(&entry?.path())?;
+    }
+    Ok(bytes)
 }
 
 /// The script of this name.

@@ -5,7 +5,6 @@
 
 use std::fs;
 use std::path::{Path, PathBuf};
-use std::process::Command as Program;
 use std::time::{Duration, Instant};
 
 use clap::Args;
@@ -17,7 +16,7 @@ use rhumb_reckoning::Tick;
 use rhumb_sims::NAMES;
 use serde::{Deserialize, Serialize};
 
-use super::rig::{FrameTimes, ServerArguments, script, take_ids};
+use super::rig::{FrameTimes, ServerArguments, TokenKey, bytes_in, script, take_ids};
 use crate::drive::ServerProcess;
 use crate::machine::worked_us;
 use crate::numbers::{markdown, number};
@@ -192,17 +191,16 @@ impl Measured {
             fs::remove_dir_all(&folder)?;
         }
         fs::create_dir_all(&folder)?;
-        let [key, public, data] = ["key", "key.pub", "data"].map(|file| folder.join(file));
         let path = |path: &Path| path.display().to_string();
         let mut flags = vec!["--log".to_owned(), "warn".to_owned()];
-        if kind.tokens {
-            output_of(server.program()?.args(["token", "--new-key"]).arg(&key))?;
-            flags.extend(["--token-key".to_owned(), path(&public)]);
-        } else {
-            flags.push("--open".to_owned());
+        let key = (kind.tokens).then(|| TokenKey::make(server, &folder));
+        let key = key.transpose()?;
+        match &key {
+            Some(key) => flags.extend(["--token-key".to_owned(), path(&key.public())]),
+            None => flags.push("--open".to_owned()),
         }
         if kind.durable {
-            flags.extend(["--data".to_owned(), path(&data)]);
+            flags.extend(["--data".to_owned(), path(&folder.join("data"))]);
         }
         let workers = if kind.processes {
             "processes"
@@ -214,11 +212,8 @@ impl Measured {
         let process = server.start(&flags, None)?;
         let trust = Trust::Fingerprint(process.fingerprint);
         let mut connection = Client::connect(&process.address.to_string(), trust)?;
-        if kind.tokens {
-            let mut token = server.program()?;
-            token.arg("token").arg("--key").arg(&key);
-            token.args(["--client", "bench", "--scene", SCENE, "--role", "owner"]);
-            connection = connection.token(&output_of(&mut token)?);
+        if let Some(key) = &key {
+            connection = connection.token(&key.token(server, ("bench", "owner"), SCENE)?);
         }
         Ok(Self {
             kind,
@@ -275,29 +270,6 @@ impl Measured {
         self.client.delete()?;
         Ok(costs)
     }
-}
-
-/// Runs a program to its end; returns its output.
-fn output_of(program: &mut Program) -> Result<String, Failure> {
-    let output = program.output()?;
-    if output.status.success() {
-        return Ok(String::from_utf8(output.stdout)?);
-    }
-    let cause = String::from_utf8_lossy(&output.stderr);
-    Err(format!("{program:?} failed: {cause}").into())
-}
-
-/// Bytes of all files below a folder.
-fn bytes_in(folder: &Path) -> std::io::Result<u64> {
-    let mut bytes = 0;
-    for entry in fs::read_dir(folder)? {
-        let entry = entry?;
-        bytes += match entry.file_type()?.is_dir() {
-            true => bytes_in(&entry.path())?,
-            false => entry.metadata()?.len(),
-        };
-    }
-    Ok(bytes)
 }
 
 impl ServiceCosts {
