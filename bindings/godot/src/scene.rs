@@ -335,7 +335,7 @@ impl SceneNode {
 
     /// What has become of the cells that are taken: for each `Vector3i` of places `awaited`, `shown`, or why it is denied.
     #[func]
-    fn get_cells(&self) -> VarDictionary {
+    fn get_taken_cells(&self) -> VarDictionary {
         let mut found = VarDictionary::new();
         let Some(membership) = &self.membership else {
             return found;
@@ -376,7 +376,7 @@ impl SceneNode {
         });
         let asked = match query {
             Ok(query) => membership.borrow_mut().client.query(vec![query]),
-            Err(invalid) => Err(ClientError::Misuse(rhumb_client::Misuse::Invalid(invalid))),
+            Err(invalid) => Err(ClientError::Misuse(Misuse::Invalid(invalid))),
         };
         match asked {
             Ok(number) => number as i64,
