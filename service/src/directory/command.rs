@@ -247,9 +247,7 @@ fn server_at(board: &Board, address: &str) -> Result<ServerPlace, Failure> {
 
 /// The servers that take scenes, but for one, each without scenes yet.
 fn others(board: &Board, but: &ServerPlace) -> Result<BTreeMap<ServerPlace, usize>, Failure> {
-    let takes = |place: &&ServerPlace| *place != but && !board.drained.contains(*place);
-    let others: BTreeMap<_, _> = (board.servers.keys())
-        .filter(takes)
+    let others: BTreeMap<_, _> = (board.taking(but))
         .map(|place| (place.clone(), 0))
         .collect();
     match others.is_empty() {
@@ -279,7 +277,7 @@ mod tests {
         ];
         Board {
             servers: servers.into(),
-            drained: [place("c")].into(),
+            drained: [(place("c"), LeaseId(3))].into(),
             ..Board::default()
         }
     }

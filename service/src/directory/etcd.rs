@@ -320,7 +320,7 @@ impl Board {
         let (place, value) = (ServerPlace(name.to_owned()), ServerPlace(entry.value));
         match (kind, name.parse::<SceneName>()) {
             ("server", _) => drop(self.servers.insert(place, entry.lease)),
-            ("drained", _) => drop(self.drained.insert(place)),
+            ("drained", _) => drop(self.drained.insert(place, entry.lease)),
             ("order", Ok(scene)) => drop(self.orders.insert(scene, value)),
             ("standby", Ok(scene)) => drop(self.standbys.insert(scene, value)),
             ("refused", Ok(scene)) => drop(self.refused.insert(scene, value)),
@@ -603,7 +603,7 @@ mod tests {
         }
         let expected = Board {
             servers: [(place.clone(), LeaseId(7))].into(),
-            drained: [place.clone()].into(),
+            drained: [(place.clone(), LeaseId(7))].into(),
             orders: [(scene.clone(), place.clone())].into(),
             standbys: [(scene.clone(), place.clone())].into(),
             refused: [(scene, place)].into(),

@@ -5,7 +5,7 @@
 //! the board that it stands by. Only then the old one gives the scene up, and the new one claims it like any other: that
 //! a scene never has two servers rests on claims alone, whatever the board says.
 
-use std::collections::{BTreeMap, BTreeSet};
+use std::collections::BTreeMap;
 
 use rhumb_protocol::scene::SceneName;
 
@@ -16,14 +16,25 @@ use super::claims::{LeaseId, ServerPlace};
 pub(super) struct Board {
     /// Servers that run, with their leases.
     pub(super) servers: BTreeMap<ServerPlace, LeaseId>,
-    /// Servers that are to have no scenes any more.
-    pub(super) drained: BTreeSet<ServerPlace>,
+    /// Servers that are to have no scenes any more, with the leases that they had when this was ordered.
+    pub(super) drained: BTreeMap<ServerPlace, LeaseId>,
     /// Scenes that are to move, each to this server.
     pub(super) orders: BTreeMap<SceneName, ServerPlace>,
     /// Scenes that a server follows and could take at once.
     pub(super) standbys: BTreeMap<SceneName, ServerPlace>,
     /// Scenes that have no files by which this server could take them.
     pub(super) refused: BTreeMap<SceneName, ServerPlace>,
+}
+
+impl Board {
+    /// The servers that take scenes, but for one.
+    pub(super) fn taking<'a>(
+        &'a self,
+        but: &'a ServerPlace,
+    ) -> impl Iterator<Item = &'a ServerPlace> {
+        let takes = move |place: &&ServerPlace| *place != but && !self.drained.contains_key(*place);
+        self.servers.keys().filter(takes)
+    }
 }
 
 /// One notice on the board.
@@ -79,7 +90,7 @@ pub(super) struct Handovers {
     going: BTreeMap<SceneName, ServerPlace>,
     /// True if a scene is ordered to go.
     is_ordered: bool,
-    /// True if this server is to have no scenes.
+    /// True if this server is to have no scenes: until it ends, also if the lease under which it was ordered is lost.
     is_drained: bool,
     /// Another server that takes scenes, if there is one.
     other: Option<ServerPlace>,
@@ -102,15 +113,16 @@ impl Handovers {
         self.is_drained
     }
 
-    /// Takes the board, and says what is to be done. `owns`: true for a scene that is this server's.
+    /// Takes the board, and says what is to be done. `lease`: this server's; an order to an earlier server at its place has
+    /// another one. `owns`: true for a scene that is this server's.
     pub(super) fn take_board(
         &mut self,
         board: &Board,
+        lease: Option<LeaseId>,
         owns: impl Fn(&SceneName) -> bool,
     ) -> Vec<HandoverStep> {
-        self.is_drained = board.drained.contains(&self.place);
-        let takes = |place: &&ServerPlace| **place != self.place && !board.drained.contains(*place);
-        self.other = board.servers.keys().find(takes).cloned();
+        self.is_drained |= lease.is_some() && board.drained.get(&self.place) == lease.as_ref();
+        self.other = board.taking(&self.place).next().cloned();
         let goes = |(scene, to): (&SceneName, &ServerPlace)| *to != self.place && owns(scene);
         self.is_ordered = board.orders.iter().any(goes);
         let mut steps = Vec::new();
@@ -160,6 +172,8 @@ impl Handovers {
     pub(super) fn missing(&self, board: &Board, lease: LeaseId) -> Vec<Notice> {
         let is_there = board.servers.get(&self.place) == Some(&lease);
         let server = (!is_there).then(|| Notice::Server(self.place.clone()));
+        let is_known = board.drained.get(&self.place) == Some(&lease);
+        let drained = (self.is_drained && !is_known).then(|| Notice::Drained(self.place.clone()));
         let standbys = self
             .awaited()
             .filter(|scene| board.standbys.get(*scene) != Some(&self.place));
@@ -167,7 +181,8 @@ impl Handovers {
         let refused = (self.coming.keys())
             .filter(|scene| self.refuses(scene) && board.refused.get(*scene) != Some(&self.place));
         let refused = refused.map(|scene| Notice::Refused(scene.clone(), self.place.clone()));
-        server.into_iter().chain(standbys).chain(refused).collect()
+        let of_server = server.into_iter().chain(drained);
+        of_server.chain(standbys).chain(refused).collect()
     }
 
     /// Everything is over with the lease; the scenes that do not come.
@@ -271,20 +286,24 @@ mod tests {
     fn a_scene_leaves_once_the_other_server_stands_by() {
         let (mut from, mut to) = (Handovers::new(place("a")), Handovers::new(place("b")));
         let mut board = ordered();
-        assert_eq!(from.take_board(&board, |_| true), []);
+        assert_eq!(from.take_board(&board, None, |_| true), []);
         let prepare = [HandoverStep::Prepare(pit())];
-        assert_eq!(to.take_board(&board, |_| false), prepare);
-        assert_eq!(to.take_board(&board, |_| false), [], "it does so already");
+        assert_eq!(to.take_board(&board, None, |_| false), prepare);
+        assert_eq!(
+            to.take_board(&board, None, |_| false),
+            [],
+            "it does so already"
+        );
         assert!(!to.awaits(&pit()));
         let standby = to.note_ready(&pit());
         assert_eq!(standby, Some(Notice::Standby(pit(), place("b"))));
         assert!(to.awaits(&pit()));
         board.standbys.insert(pit(), place("b"));
         let leave = [HandoverStep::Leave(pit(), place("b"))];
-        assert_eq!(from.take_board(&board, |_| true), leave);
-        assert_eq!(from.take_board(&board, |_| true), [], "once");
-        assert_eq!(from.take_board(&board, |_| false), [], "it is gone");
-        assert_eq!(from.take_board(&board, |_| true), leave, "it is back");
+        assert_eq!(from.take_board(&board, None, |_| true), leave);
+        assert_eq!(from.take_board(&board, None, |_| true), [], "once");
+        assert_eq!(from.take_board(&board, None, |_| false), [], "it is gone");
+        assert_eq!(from.take_board(&board, None, |_| true), leave, "it is back");
         let useless = [
             Notice::Order(pit(), place("b")),
             Notice::Standby(pit(), place("b")),
@@ -297,15 +316,15 @@ mod tests {
     fn an_order_that_ends_is_forgotten_at_both_ends() {
         let (mut from, mut to) = (Handovers::new(place("a")), Handovers::new(place("b")));
         let mut board = ordered();
-        to.take_board(&board, |_| false);
+        to.take_board(&board, None, |_| false);
         to.note_ready(&pit());
         board.standbys.insert(pit(), place("b"));
-        from.take_board(&board, |_| true);
+        from.take_board(&board, None, |_| true);
         assert!(from.is_busy());
         let nothing = Board::default();
-        assert_eq!(from.take_board(&nothing, |_| true), []);
+        assert_eq!(from.take_board(&nothing, None, |_| true), []);
         let forget = [HandoverStep::Forget(pit())];
-        assert_eq!(to.take_board(&nothing, |_| false), forget);
+        assert_eq!(to.take_board(&nothing, None, |_| false), forget);
         assert!(!from.is_busy() && !to.is_busy());
         assert_eq!(to.note_ready(&pit()), None, "it came too late");
     }
@@ -314,7 +333,7 @@ mod tests {
     fn a_scene_without_files_is_refused_while_its_order_stands_and_it_has_none() {
         let mut to = Handovers::new(place("b"));
         let mut board = ordered();
-        to.take_board(&board, |_| false);
+        to.take_board(&board, None, |_| false);
         for _ in 0..LOOKS {
             assert_eq!(to.sought().collect::<Vec<_>>(), [&pit()]);
             assert_eq!(to.missing(&board, LeaseId(2)), []);
@@ -327,7 +346,7 @@ mod tests {
         assert_eq!(to.useless(&board, |_| false), []);
         // An operator takes its order back and gives it again, and this server has seen no board between.
         board.refused.clear();
-        assert_eq!(to.take_board(&board, |_| false), []);
+        assert_eq!(to.take_board(&board, None, |_| false), []);
         assert_eq!(to.missing(&board, LeaseId(2)), refused, "again");
         board.refused.insert(pit(), place("b"));
         to.note_files(&pit(), FilesSeen::There);
@@ -341,14 +360,14 @@ mod tests {
     fn a_refusal_ends_with_its_order() {
         let mut to = Handovers::new(place("b"));
         let mut board = ordered();
-        to.take_board(&board, |_| false);
+        to.take_board(&board, None, |_| false);
         for _ in 0..LOOKS {
             to.note_files(&pit(), FilesSeen::Missing);
         }
         board.orders.clear();
         board.refused.insert(pit(), place("b"));
         assert_eq!(
-            to.take_board(&board, |_| false),
+            to.take_board(&board, None, |_| false),
             [HandoverStep::Forget(pit())]
         );
         assert_eq!(to.missing(&board, LeaseId(2)), []);
@@ -363,15 +382,15 @@ mod tests {
         let mut from = Handovers::new(place("a"));
         let mut board = ordered();
         board.standbys.insert(pit(), place("c"));
-        assert_eq!(from.take_board(&board, |_| true), []);
+        assert_eq!(from.take_board(&board, None, |_| true), []);
         let mut third = Handovers::new(place("c"));
-        assert_eq!(third.take_board(&board, |_| false), []);
+        assert_eq!(third.take_board(&board, None, |_| false), []);
     }
 
     #[test]
     fn an_order_to_the_server_that_has_the_scene_is_done() {
         let mut to = Handovers::new(place("b"));
-        assert_eq!(to.take_board(&ordered(), |_| true), []);
+        assert_eq!(to.take_board(&ordered(), None, |_| true), []);
         let done = [Notice::Order(pit(), place("b"))];
         assert_eq!(to.useless(&ordered(), |_| true), done);
     }
@@ -383,7 +402,7 @@ mod tests {
         assert_eq!(to.missing(&board, LeaseId(2)), []);
         let server = [Notice::Server(place("b"))];
         assert_eq!(to.missing(&board, LeaseId(3)), server, "a later lease");
-        to.take_board(&board, |_| false);
+        to.take_board(&board, None, |_| false);
         to.note_ready(&pit());
         let standby = [Notice::Standby(pit(), place("b"))];
         assert_eq!(to.missing(&board, LeaseId(2)), standby);
@@ -395,13 +414,35 @@ mod tests {
     fn a_drained_server_names_one_that_takes_scenes() {
         let mut drained = Handovers::new(place("a"));
         let mut board = ordered();
-        drained.take_board(&board, |_| false);
+        let lease = Some(LeaseId(1));
+        drained.take_board(&board, lease, |_| false);
         assert_eq!(drained.instead(), None);
-        board.drained.insert(place("a"));
-        drained.take_board(&board, |_| false);
+        board.drained.insert(place("a"), LeaseId(9));
+        drained.take_board(&board, lease, |_| false);
+        assert_eq!(drained.instead(), None, "an earlier server's order");
+        board.drained.insert(place("a"), LeaseId(1));
+        drained.take_board(&board, lease, |_| false);
         assert_eq!(drained.instead(), Some(&place("b")));
-        board.drained.insert(place("b"));
-        drained.take_board(&board, |_| false);
+        board.drained.insert(place("b"), LeaseId(2));
+        drained.take_board(&board, lease, |_| false);
         assert_eq!(drained.instead(), None, "none is left");
+    }
+
+    #[test]
+    fn a_drained_server_stays_so_under_a_later_lease() {
+        let mut drained = Handovers::new(place("a"));
+        let mut board = ordered();
+        board.drained.insert(place("a"), LeaseId(1));
+        drained.take_board(&board, Some(LeaseId(1)), |_| false);
+        assert_eq!(drained.missing(&board, LeaseId(1)), []);
+        drained.lose();
+        board.drained.clear();
+        board.servers.insert(place("a"), LeaseId(5));
+        drained.take_board(&board, Some(LeaseId(5)), |_| false);
+        assert!(drained.is_drained());
+        let again = [Notice::Drained(place("a"))];
+        assert_eq!(drained.missing(&board, LeaseId(5)), again);
+        board.drained.insert(place("a"), LeaseId(5));
+        assert_eq!(drained.missing(&board, LeaseId(5)), []);
     }
 }

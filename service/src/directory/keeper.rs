@@ -276,7 +276,7 @@ impl Keeping {
 
     fn take_board(&mut self, now: Instant, board: &Board) {
         let owns = |scene: &SceneName| self.claims.owns(scene);
-        let steps = self.handovers.take_board(board, owns);
+        let steps = (self.handovers).take_board(board, self.claims.lease(), owns);
         self.drained
             .store(self.handovers.is_drained(), Ordering::Relaxed);
         for useless in self.handovers.useless(board, owns) {
