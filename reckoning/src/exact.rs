@@ -4,10 +4,16 @@
 //! (RECKONING 1). No fused operation, no library sine. Nothing here checks its input: callers hold checked motions.
 
 use glam::{DQuat, DVec3};
+use wide::f64x2;
 
 /// Correctly rounded square root.
 pub(crate) fn sqrt(x: f64) -> f64 {
-    libm::sqrt(x)
+    // WebAssembly has an instruction; libm computes by whole numbers there.
+    if cfg!(target_feature = "simd128") {
+        f64x2::splat(x).sqrt().to_array()[0]
+    } else {
+        libm::sqrt(x)
+    }
 }
 
 /// The greatest whole number not above `x`; infinities and NaN stay. The sign of zero is not preserved.
