@@ -29,7 +29,7 @@ const at = (times, share) =>
 /** Stops the page from drawing. */
 const undrawn = (page) =>
   page.addInitScript(() => {
-    for (const name of ["drawArrays", "drawElements", "drawArraysInstanced", "drawElementsInstanced"])
+    for (const name of ["clear", "drawArrays", "drawElements", "drawArraysInstanced", "drawElementsInstanced"])
       WebGL2RenderingContext.prototype[name] = () => {};
   });
 
@@ -37,6 +37,7 @@ const undrawn = (page) =>
 async function frames(bodies, prepare) {
   const demo = await start(["--bodies", String(bodies)]);
   const page = await openPage(browser, demo.url, { width: 640, height: 400, shadows: true, prepare });
+  await until(page, "d.state === 'open'");
   if (!hasTruth) await page.evaluate(() => document.getElementById("truth").click());
   await until(page, `d.bodies >= ${bodies} && d.moving > ${bodies / 2}`);
   await page.evaluate(() => {
