@@ -49,14 +49,26 @@ function ofNumber(number) {
 
 export class Colours {
   mode = "error";
+  /** Of each set of bodies, what its colours follow from, if the next frame cannot change them. */
+  #painted = new WeakMap();
 
   /** Colours a frame's bodies; `errors` are undefined where there is no truth. `picked`: the place of the picked body. */
   apply(bodies, frame, errors, picked) {
+    const painted = this.#stays(frame, errors) ? { mode: this.mode, layout: frame.layout, picked } : undefined;
+    const before = this.#painted.get(bodies);
+    this.#painted.set(bodies, painted);
+    if (painted && before && Object.keys(painted).every((name) => painted[name] === before[name])) return;
     for (const place of bodies.movable) {
       const chosen = this.#chosen(place, frame, errors);
       bodies.colour(place, chosen[0], chosen[1], chosen[2]);
     }
     if (picked >= 0) bodies.colour(picked, ...mix(this.#chosen(picked, frame, errors), marked, 0.7, colour));
+  }
+
+  /** True if the next frame of these bodies has the same colours. */
+  #stays({ updateTicks }, errors) {
+    if (this.mode === "error") return errors === undefined;
+    return this.mode === "age" ? updateTicks === undefined : this.mode === "shape";
   }
 
   #chosen(place, { layout, time, updateTicks, tolerances, resting: rests }, errors) {

@@ -54,9 +54,18 @@ export function offer(select, names, present) {
   if (present !== undefined) select.value = present;
 }
 
-/** Calls an action with the value that was chosen, or with whether a box is checked. */
+/** The value that is chosen, or whether a box is checked. */
+const valueOf = (box) => (box.type === "checkbox" ? box.checked : box.value);
+
+/** Calls an action with each value that is chosen, or with whether a box is checked. */
 export function onChoice(box, act) {
-  box.addEventListener("change", () => act(box.type === "checkbox" ? box.checked : box.value));
+  box.addEventListener("change", () => act(valueOf(box)));
+}
+
+/** As `onChoice`, and at once with the present value: a hand may have chosen it before the script ran. */
+export function onValue(box, act) {
+  onChoice(box, act);
+  act(valueOf(box));
 }
 
 /** Chooses an option as a hand does. */

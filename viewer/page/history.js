@@ -16,8 +16,9 @@ export class History {
   #layout;
   #whole = -Infinity;
   #last = -Infinity;
-  /** Places that changed since the last frame that was kept. */
-  #pending = new Set();
+  /** Places that changed since the last frame that was kept, each once; and for each place, 1 if it is one of them. */
+  #pending = [];
+  #isPending = new Uint8Array(0);
 
   /** Number of frames. */
   get length() {
@@ -38,24 +39,38 @@ export class History {
   /** Adds a live frame. `errors`: of the comparison, or undefined. `now` in seconds. */
   add(frame, errors, now) {
     const isNew = frame.layout !== this.#layout;
-    if (isNew) this.#pending.clear();
-    this.#layout = frame.layout;
-    for (const place of frame.changed) this.#pending.add(place);
+    if (isNew) this.#begin(frame.layout);
+    this.#note(frame.changed);
     if (!isNew && now - this.#last < 1 / RATE - 0.004) return;
     this.#last = now;
     const isWhole = isNew || now - this.#whole >= WHOLE;
     if (isWhole) this.#whole = now;
     const places = Uint32Array.from(isWhole ? frame.layout.ids.keys() : this.#pending);
-    this.#pending.clear();
+    for (const place of this.#pending) this.#isPending[place] = 0;
+    this.#pending.length = 0;
     const kept = { at: now, time: frame.time, layout: frame.layout, isWhole, places };
     kept.positions = gather(frame.positions, places, 3);
     kept.rotations = gather(frame.rotations, places, 4);
     kept.errors = errors && gather(errors, places, 1);
     kept.resting = gather(frame.resting, places, 1);
-    kept.tolerance = frame.tolerances.at(-1);
+    kept.tolerance = frame.tolerances?.at(-1);
     this.#frames.push(kept);
     this.#bytes += places.length * BODY_BYTES;
     this.#forget(now);
+  }
+
+  #begin(layout) {
+    this.#layout = layout;
+    this.#pending.length = 0;
+    this.#isPending = new Uint8Array(layout.count);
+  }
+
+  #note(changed) {
+    for (const place of changed) {
+      if (this.#isPending[place] === 1) continue;
+      this.#isPending[place] = 1;
+      this.#pending.push(place);
+    }
   }
 
   /** Drops what is too old or too much, up to the next whole frame. */
@@ -102,16 +117,16 @@ export class History {
     this.#frames = [];
     this.#bytes = 0;
     this.#layout = undefined;
-    this.#pending.clear();
     this.#last = this.#whole = -Infinity;
   }
 }
 
 function gather(column, places, each) {
   const out = new column.constructor(places.length * each);
-  places.forEach((place, at) => {
-    for (let part = 0; part < each; part++) out[at * each + part] = column[place * each + part];
-  });
+  for (let at = 0; at < places.length; at++) {
+    const from = places[at] * each;
+    for (let part = 0; part < each; part++) out[at * each + part] = column[from + part];
+  }
   return out;
 }
 

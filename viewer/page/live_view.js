@@ -7,6 +7,10 @@ import { History } from "./history.js";
 import { rosterOf } from "./roster.js";
 import { STATE_BYTES } from "./sender.js";
 
+/** Columns that every picture needs, and those of bodies that are judged. */
+const SHOWN = ["updateTicks"];
+const JUDGED = [...SHOWN, "errorBounds", "tolerances"];
+
 export class LiveView {
   #live;
   #layout;
@@ -43,16 +47,18 @@ export class LiveView {
   }
 
   /**
-   * Reads the copy at the chosen moment; `now` in milliseconds. Its columns, in `frame`, end with the next call of the copy.
-   * `errors` and `judged`, a tick with its truth, where it is compared; `beside`, the other picture.
+   * Reads the copy at the chosen moment; `now` in milliseconds. Its columns, in `frame`, end with the next call of the copy; with
+   * tolerances and bounds where there is a truth, or if a body is picked (`isPicked`). `errors` and `judged`, a tick with its
+   * truth, where it is compared; `beside`, the other picture.
    */
-  read(now, moment) {
+  read(now, moment, isPicked) {
     const { copy, truth } = this.#live;
     const statistics = copy.statistics;
     const time = showMoment(copy, now, moment, statistics);
     this.#readLayout(copy);
     truth?.read();
-    const frame = { ...frameOf(copy.view), layout: this.#layout };
+    const columns = truth !== undefined || isPicked ? JUDGED : SHOWN;
+    const frame = { ...frameOf(copy.view, columns), layout: this.#layout };
     this.#countNaive(time);
     if (truth === undefined) return { time, frame, statistics, naive: this.#naive };
     const { comparison } = this;
@@ -75,7 +81,7 @@ export class LiveView {
   #readLayout(copy) {
     if (this.#layout?.generation === copy.view.generation && this.#source === copy) return;
     this.#source = copy;
-    this.#layout = rosterOf(frameOf(copy.view, false), copy);
+    this.#layout = rosterOf(frameOf(copy.view), copy);
   }
 
   /** Full states of all bodies that can move, at each tick. */

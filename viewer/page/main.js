@@ -3,7 +3,7 @@
 import { readAddress, writeAddress } from "./address.js";
 import { BodyPanel } from "./body.js";
 import { Colours, showLegend } from "./colours.js";
-import { choose, offer, onChoice, Tolerance } from "./controls.js";
+import { choose, offer, onChoice, onValue, Tolerance } from "./controls.js";
 import { Figures } from "./figures.js";
 import { frameOf } from "./frame.js";
 import { Hands } from "./hands.js";
@@ -51,8 +51,8 @@ let lastFrame = 0;
 let scene;
 /** The frame of the history or of a recording that was drawn last. */
 let lastShown;
-/** Arguments of the last legend. */
-let legendOf = [];
+/** Arguments of the last legend; undefined before there was one. */
+let legendOf;
 /** True if there is something to say about the connection. */
 let noticed = false;
 
@@ -69,7 +69,7 @@ const diagnostics = {
   },
   /** The frame that is shown. A live one's columns are those of the copy, and end with its next call. */
   get shown() {
-    if (mode.kind === "live") return live.copy && frameOf(live.copy.view, false);
+    if (mode.kind === "live") return live.copy && frameOf(live.copy.view);
     return lastShown && { ...lastShown, ids: lastShown.layout.ids };
   },
   get carried() {
@@ -150,6 +150,7 @@ async function beginLive() {
   const { Live, obstacle } = await import("./live.js");
   live = new Live();
   view = new LiveView(live);
+  view.isBeside = element("beside").checked;
   link = new Link(element);
   hands = new Hands(stage, live);
   hands.onerror = link.onerror = hint;
@@ -242,46 +243,43 @@ function showLive(now, seconds) {
   const { copy } = live;
   const at = now / 1000;
   const moment = element("shown").value;
-  const read = view.read(now, moment);
+  const read = view.read(now, moment, panel.id !== undefined);
   const { time, frame, errors, statistics } = read;
   const { movable } = frame.layout;
   const picked = placeOfPicked(frame);
   if (mode.kind === "live") {
     view.keep(read, at);
     showPictures(read, at);
-    // A value beyond the greatest one would be cut.
-    element("scrubber").max = Math.max(0, view.history.length - 1);
-    element("scrubber").value = element("scrubber").max;
   }
   let moving = 0;
   for (const place of movable) moving += 1 - frame.resting[place];
   const ofPicked = {
     place: picked,
     error: errors?.[picked],
-    tolerance: frame.tolerances[picked],
-    bound: frame.errorBounds[picked],
+    tolerance: frame.tolerances?.[picked],
+    bound: frame.errorBounds?.[picked],
   };
   // From here on the columns may end.
   hands.act(frame, copy.view.linearVelocities, seconds, driven());
   if (mode.kind === "live" && panel.id !== undefined) panel.show(copy, { ...ofPicked, time, now: at });
   Object.assign(diagnostics, { time, bodies: movable.length, moving, completeTick: statistics.completeTick });
-  if (mode.kind === "live") {
-    element("counts").textContent = `tick ${time}, ${movable.length} bodies, ${moving} moving`;
-    countLive(read, moment, at);
-  }
+  if (mode.kind === "live") countLive(read, moving, moment, at);
   events(copy);
 }
 
-/** Counts what is shown live, for the graphs and the large numbers. */
-function countLive({ frame, statistics, naive, worst, tolerance, beside }, moment, now) {
+/** Counts what is shown live, for the graphs and the large numbers; shows them some times a second, as the page's text costs more. */
+function countLive({ time, frame, statistics, naive, worst, tolerance, beside }, moving, moment, now) {
   const { receivedDatagramBytes, receivedControlBytes, updates, packets, missed, roundTrip } = statistics;
   const bytes = receivedDatagramBytes + receivedControlBytes;
   const counts = { now, bytes, naive, updates, packets, missed, roundTrip };
   const within = tolerance ?? toleranceOf(live.copy);
   if (!figures.count({ ...counts, worst, besideWorst: beside?.worst, tolerance: within })) return;
+  const bodies = frame.layout.movable.length;
+  element("counts").textContent = `tick ${time}, ${bodies} bodies, ${moving} moving`;
+  scrub(view.history.length - 1);
   headline.show({
     sums: figures.sums,
-    bodies: frame.layout.movable.length,
+    bodies,
     tolerance: within,
     moment,
     errorScale: statistics.errorScale,
@@ -433,9 +431,16 @@ function toHistory(index) {
   const place = Math.max(0, Math.min(history.length - 1, index));
   turnTo({ kind: "history", index: place, past: view.past(place) });
   element("live").textContent = "Back to live";
-  element("scrubber").value = place;
+  scrub(place);
   const ago = history.at(history.length - 1) - history.at(place);
   element("moment").textContent = `${number(ago, 1)} s ago`;
+}
+
+/** Puts the scrubber at a place of the history. */
+function scrub(place) {
+  // A value beyond the greatest one would be cut.
+  element("scrubber").max = Math.max(0, view.history.length - 1);
+  element("scrubber").value = place;
 }
 
 function setDown(direction) {
@@ -488,13 +493,13 @@ function begun(recording) {
 
 /** Controls of every page, also of one without a server. */
 function controls() {
-  onChoice(element("colour"), (name) => {
+  onValue(element("colour"), (name) => {
     colours.mode = name;
-    legend(...legendOf);
+    if (legendOf !== undefined) legend(...legendOf);
   });
-  onChoice(element("flashes"), (isOn) => (pane.pulses.isOn = besidePane.pulses.isOn = isOn));
-  onChoice(element("lines"), (isOn) => (pane.offsets.isOn = besidePane.offsets.isOn = isOn));
-  onChoice(element("shadows"), (isOn) => (stage.shadows = isOn));
+  onValue(element("flashes"), (isOn) => (pane.pulses.isOn = besidePane.pulses.isOn = isOn));
+  onValue(element("lines"), (isOn) => (pane.offsets.isOn = besidePane.offsets.isOn = isOn));
+  onValue(element("shadows"), (isOn) => (stage.shadows = isOn));
   onChoice(element("beside"), (isOn) => {
     if (view !== undefined) view.isBeside = isOn;
     if (mode.kind === "history") toHistory(mode.index);
@@ -537,16 +542,15 @@ function liveControls() {
     element("delay").disabled = moment !== "predicted";
     figures.restartErrors();
   };
-  onChoice(element("shown"), showMoment);
-  showMoment(element("shown").value);
+  onValue(element("shown"), showMoment);
   element("complete").addEventListener("click", () => choose(element("shown"), "complete"));
-  onChoice(element("policy"), (may) => live.copy?.setTierPolicy(may ? { upTo: 0.2 } : "never"));
+  onValue(element("policy"), (may) => live.copy?.setTierPolicy(may ? { upTo: 0.2 } : "never"));
   onChoice(element("scene"), (name) => {
     writeAddress({ scene: name });
     if (mode.kind === "recording") toLive();
     follow(name);
   });
-  onChoice(element("truth"), (isOn) => live.showTruth(isOn).catch((cause) => hint(cause.message)));
+  onValue(element("truth"), (isOn) => live.showTruth(isOn).catch((cause) => hint(cause.message)));
   element("throw").addEventListener("click", () => hands.throwBall());
   element("spawn").addEventListener("click", () => hands.dropBox());
   element("remove").addEventListener("click", removePicked);

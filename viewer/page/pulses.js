@@ -35,7 +35,9 @@ export class Pulses {
   isOn = true;
   #layout;
   #updates = new Float64Array(0);
-  #began = new Map();
+  /** For each place, seconds at which its ring began, NaN without one; and the places that have one. */
+  #began = new Float64Array(0);
+  #ringing = [];
   #points;
 
   /** Draws in the frame of these bodies. */
@@ -64,21 +66,27 @@ export class Pulses {
   show({ layout, updateTicks, positions }, height, now) {
     if (layout !== this.#layout) {
       this.#layout = layout;
-      this.#began.clear();
+      this.#began = new Float64Array(layout.count).fill(NaN);
+      this.#ringing.length = 0;
       this.#updates = Float64Array.from(updateTicks ?? []);
     }
     if (updateTicks !== undefined) this.#note(layout.movable, updateTicks, now);
     const { position, radius, strength } = this.#points.geometry.attributes;
     let count = 0;
-    for (const [place, began] of this.#began) {
-      const share = (now - began) / SECONDS;
-      if (share >= 1 || share < 0) this.#began.delete(place);
-      else if (this.isOn && count < RINGS) {
-        for (let part = 0; part < 3; part++) position.array[3 * count + part] = positions[3 * place + part];
-        radius.array[count] = Math.min(RADIUS_MAX, layout.radii[place]) * (FROM + (TO - FROM) * share);
-        strength.array[count++] = 1 - share;
+    let kept = 0;
+    for (const place of this.#ringing) {
+      const share = (now - this.#began[place]) / SECONDS;
+      if (share >= 1 || share < 0) {
+        this.#began[place] = NaN;
+        continue;
       }
+      this.#ringing[kept++] = place;
+      if (!this.isOn || count === RINGS) continue;
+      for (let part = 0; part < 3; part++) position.array[3 * count + part] = positions[3 * place + part];
+      radius.array[count] = Math.min(RADIUS_MAX, layout.radii[place]) * (FROM + (TO - FROM) * share);
+      strength.array[count++] = 1 - share;
     }
+    this.#ringing.length = kept;
     for (const column of [position, radius, strength]) column.needsUpdate = count > 0;
     this.#points.geometry.setDrawRange(0, count);
     this.#points.visible = count > 0;
@@ -89,7 +97,9 @@ export class Pulses {
     for (const place of movable) {
       if (updateTicks[place] === this.#updates[place]) continue;
       this.#updates[place] = updateTicks[place];
-      if (this.isOn) this.#began.set(place, now);
+      if (!this.isOn) continue;
+      if (Number.isNaN(this.#began[place])) this.#ringing.push(place);
+      this.#began[place] = now;
     }
   }
 }

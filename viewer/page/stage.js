@@ -78,6 +78,9 @@ export class Stage {
   #renderer;
   #controls;
   #canvas;
+  /** Pixels of the page. */
+  #width = 0;
+  #height = 0;
   #pointer = new THREE.Vector2();
   #raycaster = new THREE.Raycaster();
 
@@ -93,6 +96,13 @@ export class Stage {
     this.pictures = Array.from({ length: count }, () => new Picture());
     this.shown = this.pictures;
     this.look(...OTHERS);
+    // To read a size in each frame would have the page laid out twice in it.
+    new ResizeObserver(() => this.#measure()).observe(canvas);
+  }
+
+  #measure() {
+    [this.#width, this.#height] = [this.#canvas.clientWidth, this.#canvas.clientHeight];
+    this.#renderer.setSize(this.#width, this.#height, false);
   }
 
   /** Puts the camera where a scene of this name is seen well. */
@@ -125,11 +135,8 @@ export class Stage {
 
   /** Draws the pictures that are shown. */
   draw() {
-    const { clientWidth, clientHeight } = this.#canvas;
-    if (clientWidth === 0 || clientHeight === 0) return;
-    const size = this.#renderer.getSize(new THREE.Vector2());
-    if (size.x !== clientWidth || size.y !== clientHeight) this.#renderer.setSize(clientWidth, clientHeight, false);
-    this.#arrange(clientWidth, clientHeight);
+    if (this.#width === 0 || this.#height === 0) return;
+    this.#arrange(this.#width, this.#height);
     const { target } = this.#controls;
     const distance = this.camera.position.distanceTo(target);
     for (const picture of this.shown) {
@@ -138,7 +145,7 @@ export class Stage {
       scene.fog.near = 2 * distance;
       scene.fog.far = 8 * distance;
       // The renderer counts from below.
-      const place = [left, clientHeight - top - height, width, height];
+      const place = [left, this.#height - top - height, width, height];
       this.#renderer.setViewport(...place);
       this.#renderer.setScissor(...place);
       this.#renderer.render(scene, this.camera);

@@ -32,7 +32,7 @@ export class Truth {
     this.newest = tick;
     this.#client.show(tick);
     const { view } = this.#client;
-    if (view.generation !== this.#layout?.generation) this.#layout = rosterOf(frameOf(view, false), this.#client);
+    if (view.generation !== this.#layout?.generation) this.#layout = rosterOf(frameOf(view), this.#client);
     const positions = view.positions.slice();
     const rotations = view.rotations.slice();
     this.#ticks.set(tick, { tick, positions, rotations, resting: view.resting.slice(), layout: this.#layout });

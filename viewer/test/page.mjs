@@ -744,6 +744,27 @@ async function takePictures(browser) {
   }
 }
 
+/** A choice that was made before the page's scripts run holds. */
+async function choicesWaitForTheScripts(browser, { url }) {
+  const chosen = (page) =>
+    page.addInitScript(() => {
+      // Between the end of the text and the first module.
+      const choose = () => {
+        for (const id of ["truth", "lines", "flashes"]) document.getElementById(id).click();
+        document.getElementById("colour").value = "rest";
+      };
+      document.addEventListener("readystatechange", choose, { once: true });
+    });
+  const page = await openPage(browser, url, { prepare: chosen });
+  // Bodies of which the error is unknown are blue; those that move or rest are not.
+  const isOfRest = "d.drawnColours().every(([, , blue]) => blue < 0.3)";
+  await until(page, `d.state === 'open' && d.bodies > 0 && d.time > 60 && ${isOfRest}`);
+  const { allBodyTicks } = await read(page);
+  const rings = await page.evaluate(() => rhumbDiagnostics.rings());
+  check(allBodyTicks === 0 && rings === 0, "boxes that were cleared before the scripts ran stay clear");
+  await page.close();
+}
+
 /** Every promise in one browser. */
 async function run(name, browser) {
   const demo = await start();
@@ -757,6 +778,7 @@ async function run(name, browser) {
   const again = await aRestartedServerIsFoundAgain(page, demo);
   // The driver of Firefox answers no requests in the place of a server.
   if (name === "Chromium") {
+    await choicesWaitForTheScripts(browser, again);
     await obstaclesAreExplained(browser, again);
     await theAddressIsShared(browser, again);
     await everySceneIsReadable(browser, again);
