@@ -4,11 +4,15 @@
 //! without loss; bytes are those of datagrams and control stream, without the headers of QUIC. Server time is that from the
 //! end of a step to the end of its publication, on the clock of the host: it has all streams, and the copies of packets for
 //! members, and no sealing.
+//!
+//! Of the member that crosses all cells it is checked at each tick that its cells show each of their bodies once, by the
+//! positions that the server has. Where a border is near, a body may be in either cell, but is in one.
 
+use std::collections::{BTreeMap, BTreeSet};
 use std::path::PathBuf;
 use std::process::ExitCode;
-use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::Instant as HostInstant;
 
 use bytes::Bytes;
@@ -64,6 +68,9 @@ pub struct CellArguments {
     /// Seconds of the scene that are measured, for each kind of member.
     #[arg(long, default_value = "5", value_parser = clap::value_parser!(u64).range(1..=600))]
     seconds: u64,
+    /// Only the member that crosses all cells.
+    #[arg(long)]
+    crossing: bool,
     /// Seed of the walks.
     #[arg(long, default_value = "1")]
     seed: u64,
@@ -97,6 +104,23 @@ pub struct CellRow {
     pub control_bytes: f64,
     /// Server time of a tick without the step, milliseconds.
     pub publish_ms: f64,
+    /// What was found at each tick; `None` where it is not looked for.
+    pub shown: Option<ShownBodies>,
+}
+
+/// Bodies that the cells of a member show, once a tick.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+pub struct ShownBodies {
+    /// Ticks at which they were looked for.
+    pub ticks: u64,
+    /// Bodies that have to be shown.
+    pub expected: u64,
+    /// Those that are not.
+    pub missing: u64,
+    /// Bodies that are shown twice.
+    pub double: u64,
+    /// Bodies that are elsewhere.
+    pub stray: u64,
 }
 
 /// Runs the measurement. Exit code 0 if everything was measured and written, 1 otherwise.
@@ -130,9 +154,10 @@ fn measure_all(arguments: &CellArguments) -> Result<(), Failure> {
         ("near and far", NEAR_AND_FAR, 1),
         ("256 empty cells each", Taken::Empty, EMPTY_MEMBERS),
     ];
+    let kinds: &[_] = if arguments.crossing { &[] } else { &kinds[..] };
     let bar = output::progress_bar(kinds.len() as u64 + 1, "cells".to_owned());
     let mut rows = Vec::new();
-    for (what, taken, members) in kinds {
+    for &(what, taken, members) in kinds {
         let row = measure(arguments, (what, taken), members)?;
         output::note(&bar, &row.line().join("  "));
         rows.push(row);
@@ -160,6 +185,7 @@ impl CellFigures {
             "datagrams, kB/s",
             "control, kB/s",
             "publish, ms",
+            "missing, double, stray",
         ];
         let mut rows = vec![titles.map(str::to_owned).to_vec()];
         rows.extend(self.rows.iter().map(CellRow::line));
@@ -176,7 +202,44 @@ impl CellRow {
             number(Some(self.datagram_bytes / 1e3)),
             number(Some(self.control_bytes / 1e3)),
             number(Some(self.publish_ms)),
+            self.shown.map_or_else(|| number(None), ShownBodies::text),
         ]
+    }
+}
+
+impl ShownBodies {
+    fn text(self) -> String {
+        let Self {
+            ticks,
+            expected,
+            missing,
+            double,
+            stray,
+        } = self;
+        format!("{missing}, {double}, {stray} of {expected} at {ticks} ticks")
+    }
+
+    /// Looks at what a member shows now.
+    fn look(&mut self, session: &ClientSession, grid: &CellGrid, positions: &[Vec3]) {
+        let mut shown = BTreeMap::new();
+        for (_, copy) in session.cells() {
+            for id in copy.bodies().filter_map(|body| copy.id_in_scene(body.id)) {
+                *shown.entry(id.index()).or_insert(0_u32) += 1;
+            }
+        }
+        let cells: BTreeSet<Cell> = session.cells().map(|(cell, _)| cell).collect();
+        let margin = EDGE / 16.0;
+        let around = [-margin, margin].map(|x| [-margin, margin].map(|z| Vec3::new(x, 0.0, z)));
+        self.ticks += 1;
+        self.double += shown.values().filter(|count| **count > 1).count() as u64;
+        for (index, at) in (0..).zip(positions) {
+            let around = around.as_flattened().iter();
+            let inside = around.filter(|offset| cells.contains(&grid.cell_of(*at + **offset)));
+            let (inside, is_shown) = (inside.count(), shown.contains_key(&index));
+            self.expected += u64::from(inside == 4);
+            self.missing += u64::from(inside == 4 && !is_shown);
+            self.stray += u64::from(inside == 0 && is_shown);
+        }
     }
 }
 
@@ -250,20 +313,28 @@ fn measure_crossing(arguments: &CellArguments) -> Result<[CellRow; 2], Failure> 
     let step = CROSSING_SPEED * TAKES_EACH as f32 / TICKS_PER_SECOND as f32;
     let mut gone = 0.0;
     let mut seconds = 0.0;
+    let mut shown = ShownBodies::default();
     while gone < length {
         gone = (gone + step).min(length);
         let from = ((gone / EDGE) as usize).min(cells - 2);
         let at = place(from).lerp(place(from + 1), gone / EDGE - from as f32);
         take(&mut network, crossing, (&grid, at), bands)?;
-        run(&mut network, TAKES_EACH);
+        for _ in 0..TAKES_EACH {
+            run(&mut network, 1);
+            shown.look(network.client(crossing), &grid, &publish.positions());
+        }
         seconds += TAKES_EACH as f64 / TICKS_PER_SECOND as f64;
     }
     let row = |client, before, what: &str| CellRow {
         what: what.to_owned(),
         ..row_of(&network, client, (before, seconds), &publish)
     };
+    let crossed = row(crossing, before[1], "nine cells, crossing");
     Ok([
-        row(crossing, before[1], "nine cells, crossing"),
+        CellRow {
+            shown: Some(shown),
+            ..crossed
+        },
         row(whole, before[0], "the whole scene beside it"),
     ])
 }
@@ -286,6 +357,7 @@ fn row_of(
         datagram_bytes: (after.0 - before.0) as f64 / seconds,
         control_bytes: (after.1 - before.1) as f64 / seconds,
         publish_ms: publish.mean_ms(),
+        shown: None,
     }
 }
 
@@ -456,12 +528,18 @@ fn random_part(state: &mut u64) -> f32 {
 struct PublishTimes {
     nanoseconds: AtomicU64,
     ticks: AtomicU64,
+    /// Of the bodies at the newest tick, by index.
+    positions: Mutex<Vec<Vec3>>,
 }
 
 impl PublishTimes {
     fn restart(&self) {
         self.nanoseconds.store(0, Ordering::Relaxed);
         self.ticks.store(0, Ordering::Relaxed);
+    }
+
+    fn positions(&self) -> MutexGuard<'_, Vec<Vec3>> {
+        (self.positions.lock()).unwrap_or_else(PoisonError::into_inner)
     }
 
     fn mean_ms(&self) -> f64 {
@@ -481,8 +559,21 @@ impl ObserveScenes for Observers {
 struct Observer(Arc<PublishTimes>);
 
 impl SceneObserver for Observer {
-    fn stepped(&mut self, metrics: &TickMetrics, _: &Scene, _: &mut dyn Iterator<Item = &Bytes>) {
+    fn stepped(
+        &mut self,
+        metrics: &TickMetrics,
+        scene: &Scene,
+        _: &mut dyn Iterator<Item = &Bytes>,
+    ) {
         let times = &self.0;
+        let mut positions = times.positions();
+        for observation in scene.observations() {
+            let index = observation.id.index() as usize;
+            if index >= positions.len() {
+                positions.resize(index + 1, Vec3::ZERO);
+            }
+            positions[index] = Vec3::from_array(observation.motion.position());
+        }
         times
             .nanoseconds
             .fetch_add(metrics.publish.as_nanos(), Ordering::Relaxed);
