@@ -11,13 +11,16 @@
 
 mod abuses;
 mod attacker;
+mod commander;
 mod edges;
 mod filling;
 mod frames;
 mod member;
 mod neighbour;
 mod rig;
+mod routers;
 mod service;
+mod watchers;
 
 use std::net::SocketAddr;
 use std::num::NonZeroU32;
@@ -38,13 +41,14 @@ use crate::output::{self, Failure, Provenance, ended, write};
 use member::{Contents, Member, MemberEnd, Place};
 use rig::{ServerArguments, ServerMetrics};
 
-pub use edges::{EdgesLoad, Fault};
+pub use commander::Commanded;
+pub use edges::{EdgesLoad, Fault, Faults};
 pub use filling::Filling;
 pub use frames::Frames;
-pub use member::Judged;
 pub use neighbour::Neighbour;
 pub use rig::LoadRow;
 pub use service::ServiceCosts;
+pub use watchers::Judged;
 
 /// Arguments: those of many scenes, or another measurement.
 #[derive(Clone, Debug, Args)]

@@ -22,7 +22,7 @@ use crate::record::Mode;
 
 pub use app::{AppError, Defect, Defects, Unsupported};
 pub use free::run_free;
-pub(crate) use process::{BesideListener, Signal};
+pub(crate) use process::{BesideListener, OwnProcess, Signal};
 pub use process::{ProcessError, ScriptChoice, Serve, ServerCpu, ServerProcess, serve};
 pub use side_by_side::{Cores, Plan, run_side_by_side};
 

@@ -18,10 +18,14 @@ use rhumb_transport::Fingerprint;
 
 use crate::scripts;
 
-/// A running server; ended in order on drop, and killed if it does not end.
+/// A running program; ended in order on drop, and killed if it does not end.
+#[derive(Debug)]
+pub(crate) struct OwnProcess(Child);
+
+/// A running server, ended as every program that is started here.
 #[derive(Debug)]
 pub struct ServerProcess {
-    child: Child,
+    process: OwnProcess,
     /// Address on which the server listens.
     pub address: SocketAddr,
     /// Fingerprint of its certificate, for pinning.
@@ -170,23 +174,24 @@ impl ServerProcess {
         command: &mut Command,
         awaited: Option<BesideListener>,
     ) -> Result<Self, ProcessError> {
-        let mut child = command
-            .stdin(Stdio::null())
-            .stdout(Stdio::piped())
-            .spawn()
-            .map_err(ProcessError::Start)?;
-        match read_start_up_lines(&mut child, awaited) {
-            Ok((address, fingerprint, beside)) => Ok(Self {
-                child,
-                address,
-                fingerprint,
-                beside,
-            }),
-            Err(error) => {
-                end(&mut child);
-                Err(error)
+        let (mut address, mut fingerprint, mut beside) = (None, None, None);
+        let (process, (address, fingerprint)) = OwnProcess::run(command, |line| {
+            if let Some(text) = line.strip_prefix("listening on ") {
+                address = text.parse().ok();
             }
-        }
+            if let Some(text) = line.strip_prefix("fingerprint ") {
+                fingerprint = text.parse().ok();
+            }
+            beside = beside.or_else(|| awaited?.address(line));
+            let is_there = beside.is_some() == awaited.is_some();
+            address.zip(fingerprint).filter(|_| is_there)
+        })?;
+        Ok(Self {
+            process,
+            address,
+            fingerprint,
+            beside,
+        })
     }
 
     /// As [`Self::run`]; the server may use some cores only, or all if none is named.
@@ -217,6 +222,66 @@ impl ServerProcess {
     ///
     /// # Errors
     ///
+    /// As [`OwnProcess::send`].
+    pub(crate) fn send(&self, signal: Signal) -> io::Result<()> {
+        self.process.send(signal)
+    }
+
+    /// Its process id.
+    pub(crate) fn id(&self) -> u32 {
+        self.process.id()
+    }
+
+    /// True once it has ended by itself.
+    pub(crate) fn has_ended(&mut self) -> bool {
+        matches!(self.process.0.try_wait(), Ok(Some(_)))
+    }
+
+    /// Ends it at once, as a crash does, and waits until its address is free.
+    ///
+    /// # Errors
+    ///
+    /// The system refuses the signal.
+    pub(crate) fn kill(&mut self) -> io::Result<()> {
+        self.process.0.kill()?;
+        self.process.0.wait().map(drop)
+    }
+}
+
+impl OwnProcess {
+    /// Starts a program by a command, and reads its lines until one has what is asked for.
+    ///
+    /// # Errors
+    ///
+    /// [`ProcessError`] if it does not start, or ends before; then no process is left.
+    pub(crate) fn run<T>(
+        command: &mut Command,
+        mut read: impl FnMut(&str) -> Option<T>,
+    ) -> Result<(Self, T), ProcessError> {
+        let child = command
+            .stdin(Stdio::null())
+            .stdout(Stdio::piped())
+            .spawn()
+            .map_err(ProcessError::Start)?;
+        let mut process = Self(child);
+        let mut output = String::new();
+        if let Some(out) = process.0.stdout.take() {
+            for line in BufReader::new(out).lines() {
+                let line = line.map_err(ProcessError::Start)?;
+                if let Some(found) = read(&line) {
+                    return Ok((process, found));
+                }
+                output.push_str(&line);
+                output.push('\n');
+            }
+        }
+        Err(ProcessError::NoAddress { output })
+    }
+
+    /// Sends a signal.
+    ///
+    /// # Errors
+    ///
     /// The system refuses it, or has none.
     #[cfg(target_os = "linux")]
     pub(crate) fn send(&self, signal: Signal) -> io::Result<()> {
@@ -226,7 +291,7 @@ impl ServerProcess {
             Signal::Stop => Sent::STOP,
             Signal::Continue => Sent::CONT,
         };
-        let id = i32::try_from(self.child.id()).ok().and_then(Pid::from_raw);
+        let id = i32::try_from(self.0.id()).ok().and_then(Pid::from_raw);
         Ok(kill_process(id.ok_or(io::ErrorKind::NotFound)?, sent)?)
     }
 
@@ -240,47 +305,10 @@ impl ServerProcess {
         Err(io::ErrorKind::Unsupported.into())
     }
 
-    /// True once it has ended by itself.
-    pub(crate) fn has_ended(&mut self) -> bool {
-        matches!(self.child.try_wait(), Ok(Some(_)))
-    }
-
     /// Its process id.
     pub(crate) fn id(&self) -> u32 {
-        self.child.id()
+        self.0.id()
     }
-}
-
-/// Contents of the start-up lines.
-type Addresses = (SocketAddr, Fingerprint, Option<SocketAddr>);
-
-/// Reads the start-up lines: address, fingerprint and the address of the awaited listener.
-fn read_start_up_lines(
-    child: &mut Child,
-    awaited: Option<BesideListener>,
-) -> Result<Addresses, ProcessError> {
-    let (mut output, mut address, mut fingerprint) = (String::new(), None, None);
-    let mut beside = None;
-    if let Some(out) = child.stdout.take() {
-        for line in BufReader::new(out).lines() {
-            let line = line.map_err(ProcessError::Start)?;
-            if let Some(text) = line.strip_prefix("listening on ") {
-                address = text.parse().ok();
-            }
-            if let Some(text) = line.strip_prefix("fingerprint ") {
-                fingerprint = text.parse().ok();
-            }
-            beside = beside.or_else(|| awaited?.address(&line));
-            output.push_str(&line);
-            output.push('\n');
-            if let (Some(address), Some(fingerprint)) = (address, fingerprint)
-                && beside.is_some() == awaited.is_some()
-            {
-                return Ok((address, fingerprint, beside));
-            }
-        }
-    }
-    Err(ProcessError::NoAddress { output })
 }
 
 /// Longest time in which a server ends by itself: it takes two seconds at most.
@@ -318,9 +346,9 @@ fn ask_to_end(_: &Child) -> bool {
     false
 }
 
-impl Drop for ServerProcess {
+impl Drop for OwnProcess {
     fn drop(&mut self) {
-        end(&mut self.child);
+        end(&mut self.0);
     }
 }
 

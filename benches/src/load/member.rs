@@ -1,36 +1,28 @@
-//! Members of a load: an owner, and followers with a copy or without.
+//! Members of a load: an owner, observers, and followers without a copy.
 //!
-//! Each has a thread, and is a member until the load ends. Measures nothing but its own traffic.
-//!
-//! Each has a thread. Their notes are shared, and evaluated by the caller at the end of a part. Invariant: a copy is
-//! compared at a tick of which it has all, so that every breach is a fault.
+//! Each is a member until the load ends. Measures nothing but its own traffic.
 //!
 //! A follower joins as an observer does, and then counts its packets in place of reading them: a thousand copies of two
-//! thousand bodies would measure the copies. It reports no losses. When its connection ends it comes back, as often as
-//! that happens.
+//! thousand bodies would measure the copies. It reports no losses, and asks what a member asks whose view has no news. When
+//! its connection ends it comes back, as often as that happens.
 
-use std::collections::hash_map::RandomState;
-use std::collections::{BTreeMap, HashMap};
-use std::hash::BuildHasher as _;
+use std::collections::BTreeMap;
 use std::net::SocketAddr;
 use std::num::NonZeroU32;
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
-use std::sync::mpsc::{self, Receiver, Sender};
+use std::sync::mpsc::{self, Receiver, RecvTimeoutError, Sender};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::thread::{self, JoinHandle};
 use std::time::{Duration, Instant};
 
 use bytes::Bytes;
 use glam::{Quat, Vec3};
-use rhumb_client::{Client, Event, JoinMode, JoinOptions, StreamChoice, TapChannel, Trust};
+use rhumb_client::{Client, JoinMode, JoinOptions, StreamChoice, Trust};
 use rhumb_protocol::message::{ClientMessage, Extensions, Frames, ServerMessage, VERSIONS};
-use rhumb_protocol::packet::{Datagram, PacketKind};
+use rhumb_protocol::packet::{Datagram, LossReport, Low16, PacketKind, StreamId};
 use rhumb_protocol::scene::{BodyKind, Command, SceneConfig, SceneName, Stepping};
-use rhumb_reckoning::{
-    BodyId, BodyState, Divergence, Metres, Motion, Tick, Tolerance, ToleranceScale,
-};
+use rhumb_reckoning::{BodyId, BodyState, Tick, Tolerance};
 use rhumb_transport::{ClientOptions, ClientTransport, Fingerprint, QuicClient, Received};
-use serde::{Deserialize, Serialize};
 
 use super::rig::{LIMIT, script, take_ids};
 use crate::output::Failure;
@@ -210,289 +202,9 @@ impl Resets {
     }
 }
 
-/// Time between two looks of a member at its copy.
-const LOOK: Duration = Duration::from_millis(5);
-/// Rounding of f32 numbers in an error, as a share of the tolerance.
-const ROUNDING: f64 = 1e-3;
-
-/// The end to which a member is connected.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) enum Watch {
-    Server,
-    /// An edge, by its number.
-    Edge(usize),
-}
-
-/// The comparison of copies with the server's states.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
-pub struct Judged {
-    /// Bodies of copies that were compared, once a tick.
-    pub compared: u64,
-    /// Samples that were further off than their tolerance.
-    pub breaches: u64,
-    /// The greatest error, in tolerances.
-    pub worst: f64,
-    /// Checksums of copies that differed from the server's, in the whole run.
-    pub mismatches: u64,
-}
-
-/// All members with a copy.
-pub(super) struct Watchers {
-    shared: Arc<Shared>,
-    threads: Vec<JoinHandle<()>>,
-    bodies: Vec<WatchedBody>,
-}
-
-#[derive(Clone, Copy, Debug)]
-struct WatchedBody {
-    id: BodyId,
-    radius: Metres,
-    scale: ToleranceScale,
-}
-
-/// The motion of each body at a tick; `None` for a body that is not there.
-type Row = Vec<Option<Motion>>;
-
-/// The notes of members.
-#[derive(Default)]
-struct Shared {
-    hash: RandomState,
-    stop: AtomicBool,
-    /// Packets of the member of the server, by their bytes.
-    direct: Mutex<HashMap<u64, Instant>>,
-    /// Packets of the others.
-    by_edges: Mutex<Vec<(u64, Instant)>>,
-    packets: AtomicU64,
-    interrupted: AtomicU64,
-    mismatches: AtomicU64,
-    compares: AtomicBool,
-    truth: Mutex<BTreeMap<Tick, Row>>,
-    shown: Mutex<Vec<(Tick, Row)>>,
-    fault: Mutex<Option<(usize, Tick, Instant)>>,
-    back: Mutex<Vec<Duration>>,
-}
-
-fn lock<T>(shared: &Mutex<T>) -> MutexGuard<'_, T> {
-    shared.lock().unwrap_or_else(PoisonError::into_inner)
-}
-
-impl Watchers {
-    pub(super) fn new(contents: &Contents) -> Result<Self, Failure> {
-        let mut commands = Vec::new();
-        let mut script = script(&contents.script, contents.bodies, contents.seed)?;
-        script.commands(Tick::ZERO, &mut commands);
-        let radius_of = |command: &Command| match command {
-            Command::AddShape { id, shape } => Some((*id, shape.bounding_radius())),
-            _ => None,
-        };
-        let radii: BTreeMap<_, _> = commands.iter().filter_map(radius_of).collect();
-        let body = |command: &Command| match command {
-            Command::AddBody { desc, .. } => Some(WatchedBody {
-                id: desc.id,
-                radius: *radii.get(&desc.shape)?,
-                scale: desc.tolerance_scale,
-            }),
-            _ => None,
-        };
-        Ok(Self {
-            shared: Arc::default(),
-            threads: Vec::new(),
-            bodies: commands.iter().filter_map(body).collect(),
-        })
-    }
-
-    /// Follows a scene until the end.
-    pub(super) fn watch(&mut self, mut client: Client, of: Watch) {
-        let shared = Arc::clone(&self.shared);
-        client.record(move |channel, bytes| {
-            if channel == TapChannel::StateDown {
-                shared.note_arrival(of, bytes);
-            }
-        });
-        let shared = Arc::clone(&self.shared);
-        let ids: Vec<_> = self.bodies.iter().map(|body| body.id).collect();
-        self.threads.push(thread::spawn(move || {
-            let mut member = WatchedMember {
-                client,
-                of,
-                complete: Tick::ZERO,
-                back_from: None,
-            };
-            // A look waits for what comes.
-            while member.look(&shared, &ids) {
-                if shared.stop.load(Ordering::Relaxed) {
-                    break;
-                }
-            }
-        }));
-    }
-
-    /// Packets of the member of the server so far.
-    pub(super) fn packets(&self) -> u64 {
-        self.shared.packets.load(Ordering::Relaxed)
-    }
-
-    /// Connections that were interrupted so far.
-    pub(super) fn interrupted(&self) -> u64 {
-        self.shared.interrupted.load(Ordering::Relaxed)
-    }
-
-    /// Packets that came until now are not timed.
-    pub(super) fn forget_arrivals(&self) {
-        lock(&self.shared.by_edges).clear();
-        lock(&self.shared.direct).clear();
-    }
-
-    /// By how much later each packet came by an edge, nanoseconds.
-    pub(super) fn added_ns(&self) -> Vec<u64> {
-        let direct = lock(&self.shared.direct);
-        let by_edges = lock(&self.shared.by_edges);
-        let delays = by_edges.iter().filter_map(|(packet, at)| {
-            let delay = at.saturating_duration_since(*direct.get(packet)?);
-            u64::try_from(delay.as_nanos()).ok()
-        });
-        delays.collect()
-    }
-
-    /// Compares all copies with the states that a member with a full stream receives, for some time.
-    pub(super) fn judge(
-        &mut self,
-        mut exact: Client,
-        tolerance: Tolerance,
-        duration: Duration,
-    ) -> Result<Judged, Failure> {
-        let (shared, begun) = (Arc::clone(&self.shared), Instant::now());
-        let ids: Vec<_> = self.bodies.iter().map(|body| body.id).collect();
-        shared.compares.store(true, Ordering::Relaxed);
-        let mut complete = Tick::ZERO;
-        while begun.elapsed() < duration {
-            exact.idle(LOOK)?;
-            while exact.poll_event().is_some() {}
-            if exact.statistics().complete > complete {
-                complete = exact.statistics().complete;
-                lock(&shared.truth).insert(complete, row(&exact, &ids, complete));
-            }
-        }
-        shared.compares.store(false, Ordering::Relaxed);
-        let truth = std::mem::take(&mut *lock(&shared.truth));
-        let shown = std::mem::take(&mut *lock(&shared.shown));
-        let mut judged = Judged::default();
-        for (tick, shown) in &shown {
-            if let Some(truth) = truth.get(tick) {
-                self.compare(truth, shown, tolerance, &mut judged);
-            }
-        }
-        Ok(judged)
-    }
-
-    fn compare(&self, truth: &Row, shown: &Row, tolerance: Tolerance, judged: &mut Judged) {
-        for ((body, truth), shown) in self.bodies.iter().zip(truth).zip(shown) {
-            let share = match (truth, shown) {
-                (None, None) => continue,
-                (Some(truth), Some(shown)) => {
-                    let apart = Divergence::between(&truth.pose(), &shown.pose());
-                    tolerance.scaled(body.scale).share(&apart, body.radius)
-                }
-                // A body that one of them lacks.
-                _ => f64::INFINITY,
-            };
-            judged.compared += 1;
-            judged.breaches += u64::from(share > 1.0 + ROUNDING);
-            judged.worst = judged.worst.max(share);
-        }
-    }
-
-    /// Checksums of copies that differed so far.
-    pub(super) fn mismatches(&self) -> u64 {
-        self.shared.mismatches.load(Ordering::Relaxed)
-    }
-
-    /// From now on, members of an edge note when they have all of a tick later than this one.
-    pub(super) fn begin_fault(&self, edge: usize, tick: Tick) {
-        lock(&self.shared.back).clear();
-        *lock(&self.shared.fault) = Some((edge, tick, Instant::now()));
-    }
-
-    /// The times that they noted.
-    pub(super) fn back(&self) -> Vec<Duration> {
-        lock(&self.shared.back).clone()
-    }
-
-    /// Ends all members.
-    pub(super) fn end(self) -> Result<(), Failure> {
-        self.shared.stop.store(true, Ordering::Relaxed);
-        for thread in self.threads {
-            let ended = thread.join();
-            ended.map_err(|_| "the thread of a member panicked")?;
-        }
-        Ok(())
-    }
-}
-
-impl Shared {
-    fn note_arrival(&self, of: Watch, bytes: &[u8]) {
-        let (packet, now) = (self.hash.hash_one(bytes), Instant::now());
-        match of {
-            Watch::Server => {
-                self.packets.fetch_add(1, Ordering::Relaxed);
-                lock(&self.direct).entry(packet).or_insert(now);
-            }
-            Watch::Edge(_) => lock(&self.by_edges).push((packet, now)),
-        }
-    }
-}
-
-/// The motions of bodies in a copy.
-fn row(client: &Client, ids: &[BodyId], tick: Tick) -> Row {
-    let stream = client.replica().map(rhumb_client::Replica::stream);
-    let motion = |id: &BodyId| stream?.predicted_motion(*id, tick);
-    ids.iter().map(motion).collect()
-}
-
-struct WatchedMember {
-    client: Client,
-    of: Watch,
-    complete: Tick,
-    /// The beginning of the last fault from which it came back.
-    back_from: Option<Instant>,
-}
-
-impl WatchedMember {
-    /// One look; false once the connection is over for good.
-    fn look(&mut self, shared: &Shared, ids: &[BodyId]) -> bool {
-        if self.client.idle(LOOK).is_err() {
-            shared.interrupted.fetch_add(1, Ordering::Relaxed);
-            return false;
-        }
-        while let Some((_, event)) = self.client.poll_event() {
-            let count = match event {
-                Event::ChecksumMismatch => &shared.mismatches,
-                Event::Interrupted(_) => &shared.interrupted,
-                _ => continue,
-            };
-            count.fetch_add(1, Ordering::Relaxed);
-        }
-        let complete = self.client.statistics().complete;
-        if complete > self.complete && shared.compares.load(Ordering::Relaxed) {
-            let shown = row(&self.client, ids, complete);
-            lock(&shared.shown).push((complete, shown));
-        }
-        self.complete = complete;
-        let fault = *lock(&shared.fault);
-        if let Some((edge, tick, since)) = fault
-            && self.of == Watch::Edge(edge)
-            && complete > tick
-            && self.back_from != Some(since)
-        {
-            self.back_from = Some(since);
-            lock(&shared.back).push(since.elapsed());
-        }
-        true
-    }
-}
-
 /// Followers of one place, which a thread drives.
 pub(super) struct Crowd {
+    followers: u32,
     thread: JoinHandle<()>,
     tasks: Sender<Task>,
     counts: Arc<Counts>,
@@ -506,14 +218,13 @@ struct Counts {
     absence: Mutex<Absence>,
 }
 
-/// Followers that have lost their connection and are not back.
+/// Followers that have lost their connection.
 #[derive(Clone, Copy, Debug, Default)]
 struct Absence {
+    /// Those that are not back.
     absent: usize,
-    /// The first loss of those that are not all repaired.
-    since: Option<Instant>,
-    /// The duration of the last absence, until all were back.
-    lasted: Option<Duration>,
+    /// When the last one came back.
+    back_at: Option<Instant>,
 }
 
 enum Task {
@@ -531,7 +242,26 @@ struct Follower {
     /// True while the loop knows that something has come.
     has_news: Arc<AtomicBool>,
     is_member: bool,
+    /// Its newest packet; `None` before the first one.
+    newest: Option<NewestPacket>,
 }
+
+/// The newest packet of a follower's stream.
+#[derive(Clone, Copy, Debug)]
+struct NewestPacket {
+    at: Instant,
+    /// When the newest packet came that was no watermark.
+    spoke_at: Instant,
+    stream: StreamId,
+    /// The number of the packet after it.
+    next: Low16,
+}
+
+/// Time between two looks of a crowd at followers without news, and between two questions of one, as of a view.
+const LOOK: Duration = Duration::from_millis(100);
+/// The longest time between two watermarks, and the time after the next one for which a view predicts.
+const SILENCE: Duration = Duration::from_millis(2_500);
+const PREDICTED: Duration = Duration::from_millis(500);
 
 impl Crowd {
     /// Followers who are all members of a place's scene.
@@ -562,6 +292,7 @@ impl Crowd {
             entered();
         }
         Ok(Self {
+            followers,
             thread,
             tasks,
             counts,
@@ -578,10 +309,19 @@ impl Crowd {
         self.counts.lost.load(Ordering::Relaxed)
     }
 
-    /// The time from the first of the last losses until all were members again; `None` if some are not, or none was lost.
-    pub(super) fn absence(&self) -> Option<Duration> {
-        let absence = self.counts.absence();
-        absence.lasted.filter(|_| absence.absent == 0)
+    /// Their number.
+    pub(super) const fn followers(&self) -> u64 {
+        self.followers as u64
+    }
+
+    /// Those that are no members now.
+    pub(super) fn absent(&self) -> usize {
+        self.counts.absence().absent
+    }
+
+    /// When the last one came back; `None` if none was lost.
+    pub(super) fn back_at(&self) -> Option<Instant> {
+        self.counts.absence().back_at
     }
 
     /// Closes all connections.
@@ -614,12 +354,21 @@ struct RunningCrowd {
 
 impl RunningCrowd {
     fn run(mut self, tasks: &Receiver<Task>) {
-        while let Ok(task) = tasks.recv() {
-            match task {
-                Task::Receive(number) => self.receive(number),
-                Task::Opened(number, Some(connection)) => self.open(number, connection),
-                Task::Opened(number, None) => self.come_back(number),
-                Task::End => break,
+        let mut look = Instant::now() + LOOK;
+        loop {
+            match tasks.recv_timeout(look.saturating_duration_since(Instant::now())) {
+                Ok(Task::Receive(number)) => self.receive(number),
+                Ok(Task::Opened(number, Some(connection))) => self.open(number, connection),
+                Ok(Task::Opened(number, None)) => self.come_back(number),
+                Ok(Task::End) | Err(RecvTimeoutError::Disconnected) => break,
+                Err(RecvTimeoutError::Timeout) => {}
+            }
+            let now = Instant::now();
+            if now >= look {
+                self.followers
+                    .values()
+                    .for_each(|follower| follower.ask(now));
+                look = now + LOOK;
             }
         }
         // Closing waits for each connection in turn: all at once.
@@ -652,6 +401,7 @@ impl RunningCrowd {
             frames: Frames::new(),
             has_news,
             is_member: false,
+            newest: None,
         };
         self.followers.insert(number, follower);
     }
@@ -666,7 +416,7 @@ impl RunningCrowd {
             match received {
                 Received::Control(bytes) => follower.read(&bytes),
                 Received::State(bytes) => {
-                    let packets = u64::from(is_of_stream(&bytes));
+                    let packets = u64::from(follower.note_packet(&bytes));
                     self.counts.packets.fetch_add(packets, Ordering::Relaxed);
                 }
                 Received::Ended(_) => return self.lose(number),
@@ -681,12 +431,9 @@ impl RunningCrowd {
         // One that comes back is not awaited.
         let _ = self.joined.send(());
         let mut absence = self.counts.absence();
-        if let Some(since) = absence.since {
+        if absence.absent > 0 {
             absence.absent -= 1;
-            if absence.absent == 0 {
-                absence.lasted = Some(since.elapsed());
-                absence.since = None;
-            }
+            absence.back_at = Some(Instant::now());
         }
     }
 
@@ -696,9 +443,7 @@ impl RunningCrowd {
         };
         if lost.is_member {
             self.counts.lost.fetch_add(1, Ordering::Relaxed);
-            let mut absence = self.counts.absence();
-            absence.absent += 1;
-            absence.since.get_or_insert_with(Instant::now);
+            self.counts.absence().absent += 1;
         }
         thread::spawn(move || drop(lost));
         self.come_back(number);
@@ -716,6 +461,51 @@ impl RunningCrowd {
 }
 
 impl Follower {
+    /// Notes a datagram; true for what the scene's publisher sent, as the edge forwards it.
+    fn note_packet(&mut self, bytes: &Bytes) -> bool {
+        let Ok(datagram) = Datagram::open(bytes) else {
+            return false;
+        };
+        let (head, mut body, at) = (datagram.head(), datagram.body(), Instant::now());
+        let stream = head.stream;
+        let number = Low16::decode(&mut body);
+        self.newest = match (head.kind, number) {
+            (PacketKind::LossReport, _) => return false,
+            (PacketKind::Updates | PacketKind::UpdatesEnd, Ok(number)) => Some(NewestPacket {
+                at,
+                spoke_at: at,
+                stream,
+                next: Low16(number.0.wrapping_add(1)),
+            }),
+            (PacketKind::Watermark, Ok(next)) => Some(NewestPacket {
+                at,
+                spoke_at: self.newest.map_or(at, |newest| newest.spoke_at),
+                stream,
+                next,
+            }),
+            _ => self.newest.map(|newest| NewestPacket { at, ..newest }),
+        };
+        true
+    }
+
+    /// Asks for the watermark once a view would have no news for longer than it predicts.
+    fn ask(&self, now: Instant) {
+        let Some(newest) = self.newest else {
+            return;
+        };
+        let silent = newest.at.duration_since(newest.spoke_at).min(SILENCE);
+        if now.saturating_duration_since(newest.at) > silent + PREDICTED {
+            let report = LossReport {
+                next: newest.next,
+                abandoned: Low16(0),
+                repair_symbols: 0,
+                lost: Vec::new(),
+            };
+            let report = Bytes::from(report.encode(newest.stream));
+            self.connection.send_state(report);
+        }
+    }
+
     fn read(&mut self, bytes: &[u8]) {
         self.frames.push(bytes);
         while let Ok(Some(framed)) = self.frames.next_frame() {
@@ -735,9 +525,4 @@ fn send(connection: &QuicClient, message: &ClientMessage) {
     let mut bytes = Vec::new();
     message.encode(&mut bytes);
     connection.send_control(Bytes::from(bytes));
-}
-
-/// True for what the scene's publisher sent, as the edge forwards it.
-fn is_of_stream(bytes: &Bytes) -> bool {
-    Datagram::open(bytes).is_ok_and(|datagram| datagram.head().kind != PacketKind::LossReport)
 }

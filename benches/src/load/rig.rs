@@ -247,6 +247,11 @@ impl ServerMetrics {
         ticks.fold(0.0, f64::max)
     }
 
+    /// Bytes that all scenes have sent.
+    pub(super) fn sent_bytes(&self) -> f64 {
+        self.scenes.values().map(|scene| scene.sent_bytes).sum()
+    }
+
     /// The row of the time since `before`; `begun` is the moment from which its end counts.
     pub(super) fn since(&self, before: &Self, begun: Instant) -> LoadRow {
         let seconds = (self.at - before.at).as_secs_f64();
