@@ -335,6 +335,17 @@ def browser(builds, pairs):
     return {"rows": rows}
 
 
+def page(builds, pairs):
+    script = builds[1].folder / "viewer/test/measure.mjs"
+    run = lambda build: call(["node", script, build.release / "rhumb-server", "undrawn", 10000])
+    figures = {"p50": lambda text: float(re.search(r"JavaScript p50 ([0-9.]+) ms", text)[1])}
+    values = paired(builds, pairs, run, figures)
+    row = {"what": "the page with 10,000 balls: JavaScript of a frame, median", "unit": "ms", "aim": "≤ 0.5 ×"}
+    row["command"] = "node viewer/test/measure.mjs SERVER undrawn 10000"
+    row = timed(row, values, "p50", pairs)
+    return {"rows": [{**row, "met": row["ratio"] <= 0.5}]}
+
+
 REPLAY = "replay CUBES --tolerance 0.01 --no-limit --no-trace"
 LOADS = [
     ("recorded cubes, 10 mm", REPLAY),
@@ -425,6 +436,7 @@ PARTS = {
     "frames": frames,
     "filling": filling,
     "browser": browser,
+    "page": page,
     "bytes": loads,
     "stages": stages,
 }
