@@ -252,6 +252,28 @@ fn states_are_not_sent_faster_than_the_operator_allows() {
 }
 
 #[test]
+fn connections_that_say_nothing_leave_their_places() {
+    const CONNECTIONS: usize = 64;
+    let server = SERVER.serve_app(ANYWHERE, &[]);
+    let app = server.app.expect("the server listens for such clients");
+    let connect = |_| {
+        let stream = TcpStream::connect(app).expect(LOOPBACK);
+        stream.set_read_timeout(Some(TIME_LIMIT)).expect(LOOPBACK);
+        stream
+    };
+    let mut silent: Vec<TcpStream> = (0..CONNECTIONS).map(connect).collect();
+    let mut one_more = connect(CONNECTIONS);
+    let ends = |stream: &mut TcpStream| stream.read(&mut [0]).expect("it is closed") == 0;
+    assert!(ends(&mut one_more), "a connection beyond the places");
+    assert!(silent.iter_mut().all(ends), "connections without a byte");
+    let recording = Recording::unpack(ZOO);
+    let mut plugin = Plugin::connect(&server, &recording);
+    plugin.send(&recording.bytes);
+    let received = plugin.receive(Some(1));
+    assert_eq!(received[0].kind(), Kind::LogonReady);
+}
+
+#[test]
 fn noise_ends_its_own_connection_with_a_reason() {
     let server = SERVER.serve_app(ANYWHERE, &[]);
     let recording = Recording::unpack(ZOO);
