@@ -20,7 +20,7 @@ use rhumb_reckoning::{BodyId, BodyState, Tick, Ticks, Track};
 use crate::engine::StepThreads;
 use crate::scene::Scene;
 use crate::streams::{self, Stream, Streams};
-use crate::taken_cell::{CellIds, TakenCell, TakenCells};
+use crate::taken_cell::{CellIds, TakenCell};
 
 /// Cells of one scene that members take, at most: each has tables of its own.
 pub(crate) const TAKEN_CELLS_MAX: usize = 4_096;
@@ -38,8 +38,10 @@ pub(crate) struct Cells {
     /// The bodies of each cell, and of what is common to all.
     bodies: BTreeMap<Option<Cell>, BTreeSet<BodyId>>,
     /// The cells that members take; the place 0 is what they have in common.
-    taken: TakenCells,
+    taken: Vec<Option<TakenCell>>,
     places: BTreeMap<Option<Cell>, usize>,
+    /// Places in `taken` of cells that no member takes any more.
+    vacant: BTreeSet<usize>,
     /// The names of all streams.
     names: BTreeSet<StreamId>,
     /// The newest tick, and the newest published one.
@@ -144,8 +146,9 @@ impl Cells {
             members: 0,
             homes: Vec::new(),
             bodies: BTreeMap::new(),
-            taken: TakenCells::default(),
+            taken: Vec::new(),
             places: BTreeMap::new(),
+            vacant: BTreeSet::new(),
             names: BTreeSet::new(),
             tick: Tick::ZERO,
             published: Tick::ZERO,
@@ -236,12 +239,14 @@ impl Cells {
     }
 
     fn taken_cell(&self, cell: Option<Cell>) -> Option<&TakenCell> {
-        self.taken.get(*self.places.get(&cell)?)
+        self.taken[*self.places.get(&cell)?].as_ref()
     }
 
     /// A taken cell that is about to change.
     fn taken_mut(&mut self, place: usize) -> Option<&mut TakenCell> {
-        self.taken.wake(place, self.published)
+        let taken = self.taken[place].as_mut()?;
+        taken.wake(self.published);
+        Some(taken)
     }
 
     /// Makes a cell one that is taken. It has no streams yet.
@@ -249,7 +254,10 @@ impl Cells {
         if self.places.contains_key(&cell) {
             return;
         }
-        let place = self.taken.next_place();
+        let place = self.vacant.pop_first().unwrap_or(self.taken.len());
+        if place == self.taken.len() {
+            self.taken.push(None);
+        }
         let mut ids = CellIds::default();
         for id in self.bodies.get(&cell).into_iter().flatten() {
             let local = cell.map_or(*id, |_| ids.assign());
@@ -258,7 +266,7 @@ impl Cells {
             }
         }
         let streams = Streams::new(self.publish_schedule, self.threads.clone());
-        self.taken.insert(TakenCell::new(cell, streams, ids));
+        self.taken[place] = Some(TakenCell::new(cell, streams, ids));
         self.places.insert(cell, place);
         for (id, joint) in self.joints_of(cell, scene) {
             if self
@@ -286,7 +294,8 @@ impl Cells {
         let Some(place) = self.places.remove(&Some(cell)) else {
             return;
         };
-        self.taken.remove(place);
+        self.taken[place] = None;
+        self.vacant.insert(place);
         for id in self.bodies.get(&Some(cell)).into_iter().flatten() {
             self.sent_joints.forget(*id);
             if let Some(home) = &mut self.homes[id.index() as usize] {
@@ -308,25 +317,32 @@ impl Cells {
 
     /// Publishes the newest tick of every cell in which something is to be said.
     pub(crate) fn publish(&mut self) {
-        let is_published = self.published == self.tick;
-        self.taken.publish(&self.threads, is_published);
+        let (threads, tick) = (self.threads.clone(), self.tick);
+        let is_published = self.published == tick;
+        threads.on_each(&mut self.taken, |taken| {
+            if let Some(taken) = taken {
+                taken.publish(tick, is_published);
+            }
+        });
     }
 
     /// The streams of the cells that were published at the newest tick, by cell; the first is what is common.
     pub(crate) fn speaking(&self) -> BTreeMap<Option<Cell>, &Streams> {
-        let speaking = self.taken.speaking();
+        let taken = self.taken.iter().flatten();
+        let speaking = taken.filter(|taken| taken.speaks_at(self.tick));
         speaking.map(|taken| (taken.cell, &taken.streams)).collect()
     }
 
-    /// Bodies whose updates wait for a budget, in all streams. A cell with a budget is never silent.
+    /// Bodies whose updates wait for a budget, in all streams.
     pub(crate) fn waiting(&self) -> usize {
-        let speaking = self.taken.speaking();
-        speaking.map(|taken| taken.streams.waiting()).sum()
+        let taken = self.taken.iter().flatten();
+        taken.map(|taken| taken.streams.waiting()).sum()
     }
 
     /// The datagrams of the newest tick of all streams, without repair symbols.
     pub(crate) fn all_packets(&self) -> impl Iterator<Item = &Bytes> {
-        let speaking = self.taken.speaking();
+        let taken = self.taken.iter().flatten();
+        let speaking = taken.filter(|taken| taken.speaks_at(self.tick));
         speaking.flat_map(|taken| taken.streams.all_packets())
     }
 
@@ -345,18 +361,23 @@ impl Cells {
         if is_published {
             self.cross(scene, observations, silences);
         }
-        self.taken.begin_tick();
+        for taken in self.taken.iter_mut().flatten() {
+            taken.observed.clear();
+        }
         for observation in observations {
             let home = self.home(observation.id).and_then(|home| home.taken);
-            if let Some((place, local)) = home {
-                let observation = Observation {
+            if let Some((place, local)) = home
+                && let Some(taken) = &mut self.taken[place]
+            {
+                taken.observed.push(Observation {
                     id: local,
                     ..*observation
-                };
-                self.taken.note(place, observation, self.published);
+                });
             }
         }
-        self.taken.observe(tick, self.published);
+        for taken in self.taken.iter_mut().flatten() {
+            taken.observe(tick, self.published);
+        }
         self.tick = tick;
         if is_published {
             self.published = tick;
@@ -480,7 +501,7 @@ impl Cells {
                 }
             }
             SceneEvent::GravityChanged { since, gravity } => {
-                for place in self.taken.places() {
+                for place in 0..self.taken.len() {
                     if let Some(taken) = self.taken_mut(place) {
                         taken.streams.change_gravity(*since, *gravity);
                         self.record(place, CellNews::SceneEvent(scene_event.clone()));
@@ -618,7 +639,7 @@ impl Cells {
         let Some(&place) = self.places.get(&cell) else {
             return;
         };
-        let taken = self.taken.get(place);
+        let taken = self.taken[place].as_ref();
         let Some(stream) = taken.and_then(|taken| taken.streams.get(stream)) else {
             return;
         };
@@ -700,7 +721,7 @@ impl Cells {
         self.bodies.entry(cell).or_default().insert(id);
         let place = self.places.get(&cell).copied();
         let taken = place.and_then(|place| {
-            let ids = self.taken.ids_mut(place)?;
+            let ids = &mut self.taken[place].as_mut()?.ids;
             Some((place, cell.map_or(id, |_| ids.assign())))
         });
         self.homes[index] = Some(Home { id, cell, taken });

@@ -1,16 +1,15 @@
-//! The cells that members take: their streams, and the ids of their bodies.
+//! One cell that members take: its streams, and the ids of its bodies there.
 //!
-//! Which bodies a cell has is decided in `cells`. A cell that has nothing to say is **silent**: until its next watermark it is
-//! neither observed nor published, and no tick looks at it. Whatever changes it wakes it first. Invariants: what a silent
-//! cell sends is what it would send if each tick were published; a cell that is not silent is among those awake.
+//! Which bodies it has is decided in `cells`. A cell that has nothing to say is **silent**: until its next watermark it is
+//! neither observed nor published, and costs a tick nothing. Whatever changes it wakes it first. Invariant: what a silent
+//! cell sends is what it would send if each tick were published.
 
-use std::collections::{BTreeSet, VecDeque};
+use std::collections::VecDeque;
 
 use rhumb_protocol::scene::Cell;
 use rhumb_protocol::stream::Observation;
 use rhumb_reckoning::{BodyId, Tick};
 
-use crate::engine::StepThreads;
 use crate::streams::Streams;
 
 /// A cell that members take.
@@ -21,9 +20,11 @@ pub(crate) struct TakenCell {
     pub(crate) scene_events: u64,
     pub(crate) ids: CellIds,
     /// Those of its bodies at the newest tick.
-    observed: Vec<Observation>,
+    pub(crate) observed: Vec<Observation>,
     /// The tick of its next watermark, while it is silent.
     silent_until: Option<Tick>,
+    /// The last tick at which it was not silent.
+    spoke_at: Option<Tick>,
 }
 
 impl TakenCell {
@@ -36,151 +37,46 @@ impl TakenCell {
             ids,
             observed: Vec::new(),
             silent_until: None,
+            spoke_at: None,
         }
     }
 
-    /// Stores what was observed at a tick.
-    fn observe(&mut self, tick: Tick) {
-        self.observed.sort_unstable_by_key(|observed| observed.id);
-        self.streams.observe(tick, &self.observed);
+    /// Ends its silence, before it changes. `published`: the newest published tick.
+    pub(crate) fn wake(&mut self, published: Tick) {
+        if self.silent_until.take().is_some() {
+            self.streams.pass(published);
+        }
     }
 
-    /// Publishes the newest tick. `is_published`: true at a published tick, at which it may become silent.
-    fn publish(&mut self, is_published: bool) {
+    /// Stores what was observed at a tick. `published`: the newest published tick before.
+    pub(crate) fn observe(&mut self, tick: Tick, published: Tick) {
+        let is_due = self.silent_until.is_some_and(|until| until <= tick);
+        if is_due || !self.observed.is_empty() {
+            self.wake(published);
+        }
+        if self.silent_until.is_none() {
+            self.observed.sort_unstable_by_key(|observed| observed.id);
+            self.streams.observe(tick, &self.observed);
+        }
+    }
+
+    /// Publishes the newest tick, unless it is silent. `is_published`: true at a published tick, at which it may become
+    /// silent.
+    pub(crate) fn publish(&mut self, tick: Tick, is_published: bool) {
+        if self.silent_until.is_some() {
+            return;
+        }
         self.streams.publish(self.scene_events);
+        self.spoke_at = Some(tick);
         if is_published && self.observed.is_empty() {
             self.silent_until = self.streams.silent_until();
         }
     }
-}
 
-/// All cells that members take, each at a place.
-#[derive(Debug, Default)]
-pub(crate) struct TakenCells {
-    /// By place.
-    cells: Vec<Option<TakenCell>>,
-    /// Places without a cell.
-    vacant: BTreeSet<usize>,
-    /// Places of cells that are not silent.
-    awake: BTreeSet<usize>,
-    /// Those of the others, by the tick of their next watermark.
-    silent: BTreeSet<(Tick, usize)>,
-    /// Places of the cells that were published at the newest tick.
-    spoke: Vec<usize>,
-}
-
-impl TakenCells {
-    /// The place of the next cell.
-    pub(crate) fn next_place(&self) -> usize {
-        self.vacant.first().copied().unwrap_or(self.cells.len())
+    /// True if it was published at a tick.
+    pub(crate) fn speaks_at(&self, tick: Tick) -> bool {
+        self.spoke_at == Some(tick)
     }
-
-    /// Adds a cell; returns its place.
-    pub(crate) fn insert(&mut self, cell: TakenCell) -> usize {
-        let place = self.vacant.pop_first().unwrap_or(self.cells.len());
-        if place == self.cells.len() {
-            self.cells.push(None);
-        }
-        self.cells[place] = Some(cell);
-        self.awake.insert(place);
-        place
-    }
-
-    /// Forgets a cell.
-    pub(crate) fn remove(&mut self, place: usize) {
-        if let Some(cell) = self.cells[place].take() {
-            self.awake.remove(&place);
-            if let Some(until) = cell.silent_until {
-                self.silent.remove(&(until, place));
-            }
-            self.vacant.insert(place);
-        }
-    }
-
-    pub(crate) fn get(&self, place: usize) -> Option<&TakenCell> {
-        self.cells[place].as_ref()
-    }
-
-    /// The ids of a cell's bodies.
-    pub(crate) fn ids_mut(&mut self, place: usize) -> Option<&mut CellIds> {
-        Some(&mut self.cells[place].as_mut()?.ids)
-    }
-
-    /// A cell that is about to change: its silence ends. `published`: the newest published tick.
-    pub(crate) fn wake(&mut self, place: usize, published: Tick) -> Option<&mut TakenCell> {
-        let cell = self.cells[place].as_mut()?;
-        if let Some(until) = cell.silent_until.take() {
-            cell.streams.pass(published);
-            self.silent.remove(&(until, place));
-            self.awake.insert(place);
-        }
-        Some(cell)
-    }
-
-    /// The places, also vacant ones.
-    pub(crate) fn places(&self) -> std::ops::Range<usize> {
-        0..self.cells.len()
-    }
-
-    /// Forgets what was observed at the tick before.
-    pub(crate) fn begin_tick(&mut self) {
-        // A silent cell had nothing to observe.
-        awake(&mut self.cells, &self.awake).for_each(|cell| cell.observed.clear());
-    }
-
-    /// Notes what was observed of a body of a cell. `published`: the newest published tick before.
-    pub(crate) fn note(&mut self, place: usize, observation: Observation, published: Tick) {
-        if let Some(cell) = self.wake(place, published) {
-            cell.observed.push(observation);
-        }
-    }
-
-    /// Stores what was noted of a tick, and wakes the cells whose watermark is due. `published`: the newest published tick
-    /// before.
-    pub(crate) fn observe(&mut self, tick: Tick, published: Tick) {
-        while let Some(&(until, place)) = self.silent.first()
-            && until <= tick
-        {
-            self.silent.pop_first();
-            self.wake(place, published);
-        }
-        awake(&mut self.cells, &self.awake).for_each(|cell| cell.observe(tick));
-    }
-
-    /// Publishes the newest tick of every cell that is awake. `is_published`: true at a published tick, at which cells may
-    /// become silent.
-    pub(crate) fn publish(&mut self, threads: &StepThreads, is_published: bool) {
-        let mut speaking: Vec<_> = awake(&mut self.cells, &self.awake).collect();
-        threads.on_each(&mut speaking, |cell| cell.publish(is_published));
-        self.spoke.clear();
-        self.spoke.extend(&self.awake);
-        for &place in &self.spoke {
-            let cell = self.cells[place].as_ref();
-            if let Some(until) = cell.and_then(|cell| cell.silent_until) {
-                self.awake.remove(&place);
-                self.silent.insert((until, place));
-            }
-        }
-    }
-
-    /// The cells that were published at the newest tick.
-    pub(crate) fn speaking(&self) -> impl Iterator<Item = &TakenCell> {
-        let spoke = self.spoke.iter();
-        spoke.filter_map(|place| self.cells[*place].as_ref())
-    }
-}
-
-/// The cells at these places, which none of the others is visited for.
-fn awake<'a>(
-    cells: &'a mut [Option<TakenCell>],
-    places: &'a BTreeSet<usize>,
-) -> impl Iterator<Item = &'a mut TakenCell> {
-    let (mut cells, mut next) = (cells.iter_mut(), 0);
-    places.iter().filter_map(move |place| {
-        let cell = cells.nth(place - next)?;
-        next = place + 1;
-        cell.as_mut()
-    })
 }
 
 /// The ids of a cell's bodies: tables by index are as long as the cell has bodies.
@@ -225,11 +121,11 @@ mod tests {
     use rhumb_reckoning::{BodyState, Damping, Tolerance, Track};
 
     use super::*;
+    use crate::engine::StepThreads;
     use crate::scene::Scene;
     use crate::streams::Stream;
 
     const STREAM: StreamId = StreamId(3);
-    const PLACE: usize = 2;
     const MEMBER: Peer = Peer(1);
     const BODY: BodyId = BodyId::new(0, 0);
     /// The body is there at these ticks, and moves at some of them.
@@ -240,18 +136,11 @@ mod tests {
     const REPORTS: [u64; 3] = [100, 102, 520];
     const TICKS: u64 = 1_200;
 
-    /// One cell at the place [`PLACE`], among others without a body.
-    fn cells(scene: &Scene, choice: StreamChoice) -> TakenCells {
+    fn cell(scene: &Scene, choice: StreamChoice) -> TakenCell {
         let schedule = scene.config().publish_schedule;
-        let mut cells = TakenCells::default();
-        for place in 0..=PLACE {
-            let mut streams = Streams::new(schedule, StepThreads::default());
-            streams.begin(Stream::new(choice, STREAM, LargestPacket::DEFAULT, scene));
-            let cell = Cell([place as i32, 0, 0]);
-            let at = cells.insert(TakenCell::new(Some(cell), streams, CellIds::default()));
-            assert_eq!(at, place);
-        }
-        cells
+        let mut streams = Streams::new(schedule, StepThreads::default());
+        streams.begin(Stream::new(choice, STREAM, LargestPacket::DEFAULT, scene));
+        TakenCell::new(Some(Cell::default()), streams, CellIds::default())
     }
 
     fn state(tick: u64) -> BodyState {
@@ -291,53 +180,49 @@ mod tests {
             ..SceneConfig::default()
         };
         let scene = Scene::new(config).expect("valid");
-        let mut cells = cells(&scene, choice);
+        let mut cell = cell(&scene, choice);
         let (mut published, mut active) = (Tick::ZERO, 0);
         let mut sent = Vec::new();
         for number in 1..TICKS {
             let tick = Tick::new(number);
             let mut packets = Vec::new();
             if !is_silent {
-                cells.wake(PLACE, published);
+                cell.wake(published);
             }
             if number == COMES {
+                cell.wake(published);
                 let desc = BodyDesc::plain(BODY, BodyKind::Dynamic, ShapeId(0));
                 let shape = Shape::ball(0.5);
                 let parameters = PredictionParameters::of(&desc, &shape, Damping::default(), None);
                 let at = state(0);
                 let track = Track::resting(tick, at);
-                let cell = cells.wake(PLACE, published).expect("it is there");
                 cell.streams.insert(BODY, &parameters, track, at);
                 cell.scene_events += 1;
             }
             if number == GOES {
-                let cell = cells.wake(PLACE, published).expect("it is there");
+                cell.wake(published);
                 cell.streams.remove(BODY);
                 cell.scene_events += 1;
             }
             if REPORTS.contains(&number) {
-                let cell = cells.wake(PLACE, published).expect("it is there");
-                report(cell, number, &mut packets);
+                cell.wake(published);
+                report(&mut cell, number, &mut packets);
             }
-            cells.begin_tick();
+            cell.observed.clear();
             let moves = MOVES.iter().find(|ticks| ticks.contains(&number));
-            if let Some(ticks) = moves {
-                let observation = Observation {
-                    id: BODY,
-                    motion: state(number),
-                    activity: match number + 1 == ticks.end {
-                        true => Activity::Asleep,
-                        false => Activity::Awake,
-                    },
-                };
-                cells.note(PLACE, observation, published);
-            }
-            cells.observe(tick, published);
+            cell.observed.extend(moves.map(|ticks| Observation {
+                id: BODY,
+                motion: state(number),
+                activity: match number + 1 == ticks.end {
+                    true => Activity::Asleep,
+                    false => Activity::Awake,
+                },
+            }));
+            cell.observe(tick, published);
             let is_published = schedule.publishes(tick);
             published = if is_published { tick } else { published };
-            cells.publish(&StepThreads::default(), is_published);
-            let is_it = |of: &&TakenCell| of.cell == Some(Cell([PLACE as i32, 0, 0]));
-            if let Some(cell) = cells.speaking().find(is_it) {
+            cell.publish(tick, is_published);
+            if cell.speaks_at(tick) {
                 active += 1;
                 packets.extend(cell.streams.packets(STREAM, MEMBER).cloned());
             }
@@ -362,35 +247,6 @@ mod tests {
                     assert!(active < 150, "{active}");
                 }
             }
-        }
-    }
-
-    #[test]
-    fn a_cell_that_is_given_up_leaves_nothing_behind() {
-        let scene = Scene::new(SceneConfig {
-            stepping: Stepping::FreeRunning,
-            ..SceneConfig::default()
-        });
-        let scene = scene.expect("valid");
-        let mut cells = cells(&scene, StreamChoice::Within(Tolerance::NORMAL));
-        let threads = StepThreads::default();
-        let step = |cells: &mut TakenCells, number| {
-            let tick = Tick::new(number);
-            cells.begin_tick();
-            cells.observe(tick, Tick::new(number - 1));
-            cells.publish(&threads, true);
-            cells.speaking().count()
-        };
-        assert_eq!(step(&mut cells, 1), PLACE + 1);
-        let silent = (2..TICKS).find(|number| step(&mut cells, *number) == 0);
-        let silent = silent.expect("all fall silent");
-        for place in cells.places() {
-            cells.remove(place);
-        }
-        assert!(cells.silent.is_empty() && cells.awake.is_empty());
-        assert_eq!(cells.next_place(), 0);
-        for number in silent + 1..TICKS {
-            assert_eq!(step(&mut cells, number), 0);
         }
     }
 }
