@@ -36,7 +36,7 @@ use crate::output::{self, Failure, Provenance, write};
 const BACK: Duration = Duration::from_secs(30);
 /// Time between two looks at them.
 const LOOK: Duration = Duration::from_millis(10);
-/// Time between two faults.
+/// Time after the members have come, and between two faults.
 const BETWEEN: Duration = Duration::from_secs(2);
 
 /// Arguments: server, scene, edges, members, durations, output.
@@ -267,6 +267,8 @@ impl<'a> Rig<'a> {
         self.watchers.watch(direct, Watch::Server);
         let alone = self.part(seconds(arguments.seconds))?;
         self.enter()?;
+        // The last snapshots are still under way.
+        thread::sleep(BETWEEN);
         self.watchers.forget_arrivals();
         let with = self.part(seconds(arguments.seconds))?;
         let machine_load = [load_before, load_average()];
