@@ -92,7 +92,7 @@ pub struct CellFigures {
 /// The figures of members of one kind.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct CellRow {
-    /// What they take.
+    /// Their choice of cells.
     pub what: String,
     /// Their number.
     pub members: usize,
@@ -104,7 +104,7 @@ pub struct CellRow {
     pub control_bytes: f64,
     /// Server time of a tick without the step, milliseconds.
     pub publish_ms: f64,
-    /// What was found at each tick; `None` where it is not looked for.
+    /// Faults of all ticks; `None` where they are not looked for.
     pub shown: Option<ShownBodies>,
 }
 
@@ -128,7 +128,7 @@ pub fn cells(arguments: &CellArguments) -> ExitCode {
     ended(measure_all(arguments))
 }
 
-/// What a member takes.
+/// The choice of a member.
 #[derive(Clone, Copy)]
 enum Taken {
     Nothing,

@@ -283,7 +283,7 @@ export class Client {
    * divided, and for one that was joined without {@link JoinOptions.cells}.
    */
   readonly cellGrid: Vec3 | undefined;
-  /** The cells that are taken, and what has become of each. */
+  /** The cells that are taken, and the state of each. */
   readonly cells: readonly TakenCell[];
   /**
    * Takes the cells around a point and no others: each by the stream of the first band that reaches it, the nearest first. Call

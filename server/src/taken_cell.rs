@@ -167,7 +167,7 @@ mod tests {
         (stream.sender).handle_report(now, from, &report, scene_events, answers);
     }
 
-    /// What a cell says at each tick, and the ticks at which it had to be published. `is_silent`: false for a cell that is
+    /// The packets of a cell at each tick, and the number of ticks at which it had to be published. `is_silent`: false for a cell that is
     /// published at every tick.
     fn sent(choice: StreamChoice, every: u32, is_silent: bool) -> (Vec<Vec<Bytes>>, usize) {
         let schedule = PublishSchedule {

@@ -558,7 +558,7 @@ mod tests {
         assert!(served);
     }
 
-    /// What a request gets from a peer that sends this again and again, then nothing more, and keeps the connection.
+    /// The answer that a request gets from a peer that sends this again and again, then nothing more, and keeps the connection.
     fn asked(sent: &'static [u8], times: usize, within: Duration) -> Option<(StatusCode, Bytes)> {
         let listener = TcpListener::bind("127.0.0.1:0").unwrap();
         let port = listener.local_addr().unwrap().port();

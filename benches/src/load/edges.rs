@@ -123,7 +123,7 @@ pub struct EdgesLoad {
     pub judged: Judged,
     /// Members that lost their connection before an edge was killed.
     pub lost: u64,
-    /// What happened when edges and routers failed.
+    /// The faults of edges and routers, and the recovery from each.
     pub faults: Faults,
 }
 

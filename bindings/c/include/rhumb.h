@@ -539,7 +539,7 @@ typedef uint32_t RhumbRequestKind;
 #endif // __STDC_VERSION__ >= 202311L
 #endif // __cplusplus
 
-// What has become of a cell that is taken.
+// State of a cell that is taken.
 enum RhumbCellState
 #if defined(__cplusplus) || __STDC_VERSION__ >= 202311L
   : uint32_t
@@ -1333,7 +1333,7 @@ RhumbCode rhumb_scene_take_cells(struct RhumbScene scene,
                                  const struct RhumbCellChoice *choices,
                                  size_t count);
 
-// Writes the cells that are taken, and what has become of each. `count` receives their number, 256 at most, also if `capacity`
+// Writes the cells that are taken, and the state of each. `count` receives their number, 256 at most, also if `capacity`
 // is too small for them; then nothing is written to `cells`.
 //
 // # Safety

@@ -1119,7 +1119,7 @@ public:
         throw_unless_ok(rhumb_scene_take_cells(raw_, choices.data(), choices.size()));
     }
 
-    /// The cells that are taken, and what has become of each.
+    /// The cells that are taken, and the state of each.
     std::vector<RhumbTakenCell> cells() {
         std::vector<RhumbTakenCell> taken(256);
         std::size_t count = 0;

@@ -1,4 +1,4 @@
-//! Cells of a scene: what a client takes, and what has become of it.
+//! Cells of a scene: those that a client takes, and their states.
 
 use std::ffi::c_char;
 
@@ -9,7 +9,7 @@ use crate::answers::RHUMB_EVENT_TEXT_BYTES;
 use crate::border::{RhumbCode, check_out, copy_out, copy_text, elements, guard, value, write};
 use crate::scene::{RhumbScene, with};
 
-/// What has become of a cell that is taken.
+/// State of a cell that is taken.
 #[repr(u32)]
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum RhumbCellState {
@@ -115,7 +115,7 @@ pub unsafe extern "C" fn rhumb_scene_take_cells(
     })
 }
 
-/// Writes the cells that are taken, and what has become of each. `count` receives their number, 256 at most, also if `capacity`
+/// Writes the cells that are taken, and the state of each. `count` receives their number, 256 at most, also if `capacity`
 /// is too small for them; then nothing is written to `cells`.
 ///
 /// # Safety

@@ -34,13 +34,13 @@ pub struct CellChoice {
 pub struct CellRecord {
     /// Its places along x, y and z.
     pub places: [i32; 3],
-    /// What has become of it.
+    /// Its state.
     pub state: TakenState,
     /// Why it is denied, a sentence; otherwise empty.
     pub text: String,
 }
 
-/// What has become of a cell that is taken.
+/// State of a cell that is taken.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum TakenState {
     /// Its bodies are not there yet.

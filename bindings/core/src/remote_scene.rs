@@ -302,7 +302,7 @@ impl RemoteScene {
         Ok(self.client.take_cells_around(point, &bands)?)
     }
 
-    /// The cells that are taken, and what has become of each.
+    /// The cells that are taken, and the state of each.
     #[must_use]
     pub fn cells(&self) -> Vec<CellRecord> {
         let Some(grid) = self.client.cell_grid() else {

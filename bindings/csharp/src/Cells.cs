@@ -1,4 +1,4 @@
-// Cells of a scene: what a client takes, and what has become of it.
+// Cells of a scene: those that a client takes, and their states.
 
 using System;
 
@@ -100,7 +100,7 @@ namespace Rhumb
             }
         }
 
-        /// <summary>The cells that are taken, and what has become of each.</summary>
+        /// <summary>The cells that are taken, and the state of each.</summary>
         public unsafe TakenCell[] Cells
         {
             get

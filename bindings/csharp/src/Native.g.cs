@@ -449,7 +449,7 @@ namespace Rhumb
         public static extern RhumbCode rhumb_scene_take_cells(RhumbScene scene, RhumbCellChoice* choices, System.UIntPtr count);
 
         /// <summary>
-        ///  Writes the cells that are taken, and what has become of each. `count` receives their number, 256 at most, also if `capacity`
+        ///  Writes the cells that are taken, and the state of each. `count` receives their number, 256 at most, also if `capacity`
         ///  is too small for them; then nothing is written to `cells`.
         ///
         ///  # Safety
@@ -2465,7 +2465,7 @@ namespace Rhumb
     }
 
     /// <summary>
-    ///  What has become of a cell that is taken.
+    ///  State of a cell that is taken.
     /// </summary>
     public enum RhumbCellState : uint
     {

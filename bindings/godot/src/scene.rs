@@ -333,7 +333,7 @@ impl SceneNode {
         })
     }
 
-    /// What has become of the cells that are taken: for each `Vector3i` of places `awaited`, `shown`, or why it is denied.
+    /// States of the cells that are taken: for each `Vector3i` of places `awaited`, `shown`, or why it is denied.
     #[func]
     fn get_taken_cells(&self) -> VarDictionary {
         let mut found = VarDictionary::new();

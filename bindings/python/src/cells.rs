@@ -1,4 +1,4 @@
-//! Cells of a scene: what a member takes, and what has become of it.
+//! Cells of a scene: those that a member takes, and their states.
 
 use std::collections::BTreeMap;
 
@@ -67,7 +67,7 @@ impl PyScene {
         self.with(py, |opened| opened.scene.take_cells_around(point, &bands))
     }
 
-    /// What has become of the cells that are taken: "awaited", "shown", or "denied", as denied_cells explains.
+    /// States of the cells that are taken: "awaited", "shown", or "denied", as denied_cells explains.
     ///
     /// A cell that was denied is asked for again by the next take_cells or take_cells_around.
     #[getter]

@@ -342,7 +342,7 @@ impl WebMember {
         Some(json!(self.session.cell_grid()?.edges()))
     }
 
-    /// The cells that are taken, and what has become of each.
+    /// The cells that are taken, and the state of each.
     pub(crate) fn cells_json(&self) -> Value {
         let cells = self.session.taken_cells();
         let each = cells.map(|(cell, state)| scene_json::taken_cell(cell, state));

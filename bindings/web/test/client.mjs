@@ -301,7 +301,7 @@ test("a client that resumes ends in time, though a server takes its connection a
 const moved = (address) => Uint8Array.from([address.length + 2, 128, address.length, ...Buffer.from(address)]);
 const PRINT = "ab".repeat(32);
 
-/** What a server without the scene says to a client: that another one has it. */
+/** The answer of a server without the scene: another one has it. */
 function sendOn(server, address, [welcome] = BEGINNING) {
   server.play([welcome]);
   server.sendControl(moved(address));

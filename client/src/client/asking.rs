@@ -278,7 +278,7 @@ impl Client {
         self.take_cells(&cells.ok_or(Misuse::TooManyCells)?)
     }
 
-    /// The cells that this client takes, in order, and what has become of each. The next [`Self::take_cells`] asks again for
+    /// The cells that this client takes, in order, and the state of each. The next [`Self::take_cells`] asks again for
     /// those that were denied.
     pub fn cells(&self) -> impl Iterator<Item = (Cell, CellState)> {
         self.pump.session.taken_cells()

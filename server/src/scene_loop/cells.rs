@@ -16,7 +16,7 @@ use crate::clients::Clients;
 use crate::member::{Extent, SnapshotRequest, Subscribed};
 use crate::streams::{self, Stream, Streams};
 
-/// What an answer about a cell costs beside its snapshot, as bytes of a snapshot: a member has some thousand a second.
+/// Cost of an answer about a cell beside its snapshot, as bytes of a snapshot: a member has some thousand a second.
 const CELL_WORK: usize = 16 << 10;
 /// Work for one member after which others, and the ticks, have their turn.
 const WORK_AT_ONCE: usize = 16 * CELL_WORK;

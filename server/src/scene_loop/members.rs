@@ -27,7 +27,7 @@ use crate::sessions::{ResumableSession, Sessions};
 use crate::streams::{self, Stream, append_snapshot};
 use crate::tier_controller::{Confirmation, TierDecision};
 
-/// What it costs to find the cell of a body when a member comes by cells, as bytes of a snapshot.
+/// Cost of finding the cell of a body when a member comes by cells, as bytes of a snapshot.
 const HOME_WORK: usize = 16;
 /// With this part of its share for a new member, no session of another has to end.
 const SUFFICES: u32 = 4;

@@ -139,7 +139,7 @@ pub(crate) fn run_drain(arguments: &DrainArguments, out: &mut dyn Write) -> Resu
     })
 }
 
-/// Says what has become of the scenes of a server.
+/// Says where the scenes of a server are now.
 fn report(
     out: &mut dyn Write,
     (server, moved): (&str, usize),

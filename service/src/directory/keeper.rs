@@ -520,7 +520,7 @@ enum FilesAsk {
     Look(SceneName),
 }
 
-/// What the thread has done or seen.
+/// Actions and observations of the thread.
 enum FilesNews {
     Taken(FilesTaken),
     Seen(SceneName, FilesSeen),

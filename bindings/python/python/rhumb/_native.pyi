@@ -873,7 +873,7 @@ class Scene:
         """Takes these cells and no others, each with its tolerance in metres; None: exact states. As take_cells_around."""
     @property
     def cells(self) -> Dict[Tuple[int, int, int], str]:
-        """What has become of the cells that are taken: "awaited", "shown", or "denied", as denied_cells explains.
+        """States of the cells that are taken: "awaited", "shown", or "denied", as denied_cells explains.
 
         A cell that was denied is asked for again by the next take_cells or take_cells_around.
         """

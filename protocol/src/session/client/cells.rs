@@ -1,8 +1,8 @@
 //! The cells that a member takes: a subscription for each.
 //!
-//! What a cell tells and asks is what a scene does, so that a subscription serves both. The scene's own has the bodies that
+//! A cell sends and requests as a scene does, so that a subscription serves both. The scene's own has the bodies that
 //! are in no cell, and the shapes of all. A datagram and a timer concern one cell: the others cost nothing then, unless a copy
-//! waits to be shown, which depends on all. Invariant: what a cell tells that was given up, or of an earlier time that it was
+//! waits to be shown, which depends on all. Invariant: a message of a cell that was given up, or of an earlier time that it was
 //! taken, changes nothing.
 
 use alloc::collections::{BTreeMap, BTreeSet, VecDeque};
@@ -23,7 +23,7 @@ use crate::session::replica::Replica;
 use crate::session::{CloseCode, Event, Misuse};
 use crate::stream::Subscriber;
 
-/// What has become of a cell that a member takes.
+/// State of a cell that a member takes.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum CellState {
     /// Its bodies are not there yet.
@@ -361,7 +361,7 @@ impl CellSubscriptions {
         taken.subscription.shown()
     }
 
-    /// What has become of each cell.
+    /// The state of each cell.
     pub(super) fn states(&self) -> impl Iterator<Item = (Cell, CellState)> {
         let taken = self.taken.iter();
         taken.map(|(cell, taken)| (*cell, taken.state()))

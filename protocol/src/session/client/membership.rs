@@ -218,7 +218,7 @@ impl ClientMembership {
                 }
             }
             ServerMessage::AuthorityDenied(error) => {
-                // What was granted before comes before.
+                // Earlier grants come first.
                 self.begin_upstream(config, outbox, events);
                 let reason = self.upstream.handle_denied(error, outbox);
                 events.extend(reason.map(Event::AuthorityDenied));
