@@ -205,6 +205,14 @@ fn a_cell_that_the_grid_has_not_is_denied_and_a_whole_scene_has_none() {
         refused,
         Err(ClientError::Misuse(Misuse::TooManyCells))
     ));
+    for place in [Cell::PLACE_MAX + 1, i32::MIN] {
+        let outside = Cell([0, 0, place]);
+        let refused = walker.take_cells(&BTreeMap::from([(outside, within(0.05))]));
+        let expected = Misuse::CellPlace(outside);
+        assert!(matches!(refused, Err(ClientError::Misuse(misuse)) if misuse == expected));
+    }
+    arrive(&mut walker);
+    assert_eq!(walker.cells().count(), 2, "the session continues as it was");
     assert_eq!(owner.cell_grid(), None);
     let refused = owner.take_cells_around(Vec3::ZERO, &too_far);
     assert!(matches!(

@@ -86,7 +86,8 @@ impl From<Misuse> for Failure {
             | Misuse::JoinedToItself(_)
             | Misuse::Hits(_)
             | Misuse::QueryCost(_)
-            | Misuse::TooManyCells => "argument",
+            | Misuse::TooManyCells
+            | Misuse::CellPlace(_) => "argument",
         };
         Self::of(code, misuse.to_string())
     }

@@ -183,6 +183,12 @@ fn place(edges: f64) -> i32 {
 impl Cell {
     /// Bound on the place of a cell along an axis.
     pub const PLACE_MAX: i32 = (COORDINATE_MAX / CELL_EDGE_MIN) as i32 + 1;
+
+    /// True if a message can name it: its places are within [`Self::PLACE_MAX`].
+    pub(crate) fn is_in_a_world(self) -> bool {
+        let places = -Self::PLACE_MAX..=Self::PLACE_MAX;
+        self.0.iter().all(|place| places.contains(place))
+    }
 }
 
 impl fmt::Display for Cell {

@@ -133,7 +133,8 @@ impl ClientSession {
     ///
     /// # Errors
     ///
-    /// As [`Self::leave`], [`Misuse::NotDivided`] without a grid, and [`Misuse::TooManyCells`].
+    /// As [`Self::leave`], [`Misuse::NotDivided`] without a grid, [`Misuse::TooManyCells`] and [`Misuse::CellPlace`]; then all stays as
+    /// it was.
     pub fn take_cells(&mut self, cells: &BTreeMap<Cell, StreamChoice>) -> Result<(), Misuse> {
         self.must_be_in_session()?;
         if self.cell_grid().is_none() {

@@ -23,7 +23,7 @@ use crate::message::{
     AuthorityError, Denial, FaultCause, Inspection, QueryResult, RemovalCause, SessionState,
     StreamChoice, TierChangeCause, Welcome,
 };
-use crate::scene::{BodyEvent, CommandError, IdRange, Invalid};
+use crate::scene::{BodyEvent, Cell, CommandError, IdRange, Invalid};
 use crate::wire::Malformed;
 
 pub use client::{CellState, ClientSession, StandingEvents};
@@ -168,6 +168,8 @@ pub enum Misuse {
     NotDivided,
     /// One member cannot take so many cells.
     TooManyCells,
+    /// A place of a cell is beyond those of any grid.
+    CellPlace(Cell),
 }
 
 impl fmt::Display for Misuse {
@@ -202,6 +204,11 @@ impl fmt::Display for Misuse {
             Self::TooManyCells => write!(
                 f,
                 "one member takes at most {CELLS_PER_MEMBER_MAX} cells: take those of a smaller distance"
+            ),
+            Self::CellPlace(cell) => write!(
+                f,
+                "{cell} lies outside of every world: a place along an axis is at most {} from 0",
+                Cell::PLACE_MAX
             ),
             Self::NoInside => f.write_str(
                 "a dynamic body needs a shape with volume; height fields, meshes, half-spaces and compounds with one of them are for fixed and kinematic bodies",

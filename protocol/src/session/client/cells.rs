@@ -122,6 +122,9 @@ impl CellSubscriptions {
         if wanted.len() > CELLS_PER_MEMBER_MAX {
             return Err(Misuse::TooManyCells);
         }
+        if let Some(cell) = wanted.keys().find(|cell| !cell.is_in_a_world()) {
+            return Err(Misuse::CellPlace(*cell));
+        }
         let is_open = self.is_open;
         self.taken.retain(|cell, taken| {
             let stays = wanted.contains_key(cell);
