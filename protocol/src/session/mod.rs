@@ -207,7 +207,7 @@ impl fmt::Display for Misuse {
             ),
             Self::CellPlace(cell) => write!(
                 f,
-                "{cell} lies outside of every world: a place along an axis is at most {} from 0",
+                "{cell} is in no world: a place is at most {} from 0",
                 Cell::PLACE_MAX
             ),
             Self::NoInside => f.write_str(
