@@ -6,7 +6,7 @@ import { readFile } from "node:fs/promises";
 import { brotliCompressSync, gzipSync } from "node:zlib";
 
 /** Bytes after Brotli, at its highest quality: what a web server sends. */
-const LIMIT = 340_000;
+const LIMIT = 341_000;
 
 const bytes = await readFile(process.argv[2]);
 const brotli = brotliCompressSync(bytes).length;
