@@ -29,7 +29,7 @@ pub use self::peers::{LocalPeers, WithLocalPeers, is_local_peer};
 
 /// Inputs that the server's thread handles before outputs and ticks get their turn.
 const INPUTS_PER_TURN: usize = 256;
-/// Time after which no further one is handled before them.
+/// Time after which the ticks are handled before any further input.
 const INPUTS_TIME: Span = Span::from_millis(1);
 /// Stack of the server's thread: what a main thread has.
 const STACK_BYTES: usize = 8 << 20;

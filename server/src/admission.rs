@@ -372,7 +372,7 @@ impl CommandPace {
         self.commands += 1;
     }
 
-    /// A turn took all of its time: its commands, if it had some, are many.
+    /// Notes a turn that took all of its time. If the turn had commands, they count as many.
     pub(crate) const fn note_full_turn(&mut self) {
         self.is_full |= self.commands > 0;
     }

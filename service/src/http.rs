@@ -40,9 +40,9 @@ const HEAD_BYTES_MAX: usize = 16 << 10;
 /// Longest body of a request.
 const BODY_BYTES_MAX: usize = 4 << 10;
 
-/// Longest body of an answer that is read.
+/// Longest body of an answer that is read, bytes.
 const ANSWER_BYTES_MAX: usize = 1 << 20;
-/// Bytes that are read of a peer that is asked: an answer with its heads, of which there may be any number.
+/// Bytes that are read of one answer: its body and all heads, of which there may be any number.
 const ASKED_BYTES_MAX: u64 = (ANSWER_BYTES_MAX + (64 << 10)) as u64;
 
 /// Asks another server once, with JSON or without a body, by a connection of its own; `None` without a whole answer within

@@ -25,27 +25,27 @@ pub(crate) struct GatheredView {
     cells: BTreeMap<Cell, CellView>,
 }
 
-/// Where the view has a body from.
+/// The source of one body's pose.
 #[derive(Clone, Copy, Debug)]
 struct BodySource {
     /// The cell; `None` for what is in no cell.
     cell: Option<Cell>,
     /// The body's place in the view of the cell.
     place: u32,
-    /// How far what is said there of the body counts.
+    /// Of two sources of one body, that of the higher rank counts.
     rank: Rank,
 }
 
-/// How far a source counts.
+/// Rank of a source, the lowest first.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 enum Rank {
-    /// It is of an earlier view.
+    /// The source is of an earlier view.
     Before,
-    /// It is of an earlier connection.
+    /// The source is of an earlier connection.
     Former,
-    /// Its copy begins after the moment shown: the body may have been elsewhere then.
+    /// The copy begins after the moment shown: the body may have been elsewhere then.
     BeginsLater,
-    /// It has a track of this origin.
+    /// The track of the body has this origin.
     Since(Tick),
 }
 
@@ -96,7 +96,7 @@ impl GatheredView {
         self.copy_poses(of_scene, session, render_params);
     }
 
-    /// Notes the bodies of a source, by their ids there and in the scene, where it counts more than others.
+    /// Adds the bodies of a source, by their ids there and in the scene. A body that has a source keeps the one of higher rank.
     fn gather(
         &mut self,
         cell: Option<Cell>,
@@ -118,7 +118,7 @@ impl GatheredView {
         }
     }
 
-    /// Takes those bodies out that no source has.
+    /// Removes the bodies that no source has.
     fn give_up_others(&mut self) {
         for place in (0..self.sources.len()).rev() {
             if self.sources[place].rank == Rank::Before {
@@ -132,7 +132,7 @@ impl GatheredView {
         self.sources.swap_remove(place);
     }
 
-    /// Shows each body as its source does; between two ticks, one that crosses on its way to where the other cell has it.
+    /// Copies the pose of each body from its source. Between two ticks, a crossing body moves from one cell's pose to the other's.
     fn copy_poses(&mut self, of_scene: &View, session: &ClientSession, params: &RenderParams) {
         for place in 0..self.sources.len() {
             let source = self.sources[place];
@@ -152,7 +152,7 @@ impl GatheredView {
         }
     }
 
-    /// The crossing of a body that its cell has no more at the tick after a moment between two ticks.
+    /// The crossing of a body at a moment between two ticks, if the body has left its cell by the later tick.
     fn crossing<'s>(
         &self,
         session: &'s ClientSession,
@@ -222,7 +222,7 @@ impl GatheredView {
         };
         let crossing = self.crossing(session, place, at);
         let crossing = crossing.map(|of| of.bound(&shown, at, self.view.step()));
-        // Where it goes is not known if no other cell has it.
+        // If no other cell has the body, its way is unknown.
         Some(crossing.unwrap_or_else(|| self.view.unknown()))
     }
 
@@ -237,7 +237,7 @@ impl GatheredView {
         };
         let local = of_cell.view.ids()[place];
         let copy = session.cell(self.cell_of(id)?)?;
-        // A cell that was given up and taken again gives its ids out anew.
+        // In a cell that was given up and taken again, the same id may be another body.
         (copy.id_in_scene(local) == Some(id)).then_some((copy, local))
     }
 
@@ -249,7 +249,7 @@ impl GatheredView {
     }
 }
 
-/// How far a copy counts for a body that it shows at a moment.
+/// Rank of a copy for a body that it shows at a moment.
 fn rank(copy: &Replica, local: BodyId, render_params: &RenderParams) -> Rank {
     let stream = copy.stream();
     match stream.start() > render_params.at.tick {

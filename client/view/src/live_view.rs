@@ -1,6 +1,7 @@
 //! The view as the frames of a member show it.
 //!
-//! It is of a whole scene, or of the cells that the member takes. Chooses the moment, and whether corrections are smoothed. Time is an argument; the session beside it is the caller's.
+//! It is of a whole scene, or of the cells that the member takes. It chooses the moment, and whether corrections are
+//! smoothed. Time is an argument; the session is the caller's.
 
 use rhumb_protocol::limits::SILENCE_MS_MAX;
 use rhumb_protocol::scene::{BodyDesc, Cell, SceneConfig, Stepping};

@@ -473,7 +473,7 @@ const EVENT_BYTES: usize = 256 << 10;
 const RETRY: Span = Span::from_millis(20);
 
 impl SceneLoop {
-    /// Handles the messages of a connection that has sent something, or leaves them for the next call: others had the time.
+    /// Handles the messages that a connection has sent. If others have used up the time, they wait for the next call.
     pub(super) fn take_turn_at_once(&mut self, now: Instant, peer: Peer) {
         if self.turns_left == Span::ZERO && self.is_turn_timed(peer) {
             self.clients.set_turn(peer, Turn::Queued);
@@ -482,7 +482,7 @@ impl SceneLoop {
         }
     }
 
-    /// Gives each of these connections a turn, with its part of the time that is left, and one message without.
+    /// Gives each of these connections a turn with an equal part of the time that is left, or with one message if none is left.
     pub(super) fn take_turns(&mut self, now: Instant, peers: &[Peer]) {
         for (place, peer) in peers.iter().enumerate() {
             let waiting = (peers.len() - place) as u64;

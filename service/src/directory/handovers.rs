@@ -16,7 +16,7 @@ use super::claims::{LeaseId, ServerPlace};
 pub(super) struct Board {
     /// Servers that run, with their leases.
     pub(super) servers: BTreeMap<ServerPlace, LeaseId>,
-    /// Servers that are to have no scenes any more, with the leases that they had when this was ordered.
+    /// Servers that were ordered to give up their scenes, each with its lease at the time of the order.
     pub(super) drained: BTreeMap<ServerPlace, LeaseId>,
     /// Scenes that are to move, each to this server.
     pub(super) orders: BTreeMap<SceneName, ServerPlace>,
@@ -27,7 +27,7 @@ pub(super) struct Board {
 }
 
 impl Board {
-    /// The servers that take scenes, but for one.
+    /// The servers that take scenes, except `but`.
     pub(super) fn taking<'a>(
         &'a self,
         but: &'a ServerPlace,
@@ -90,7 +90,7 @@ pub(super) struct Handovers {
     going: BTreeMap<SceneName, ServerPlace>,
     /// True if a scene is ordered to go.
     is_ordered: bool,
-    /// True if this server is to have no scenes: until it ends, also if the lease under which it was ordered is lost.
+    /// True if this server was ordered to give up its scenes. It holds until the server ends, also under a later lease.
     is_drained: bool,
     /// Another server that takes scenes, if there is one.
     other: Option<ServerPlace>,

@@ -13,7 +13,7 @@ var last_event := {}
 var appeared := []
 var removed := []
 var answers := {}
-## What the handlers of signals do.
+## Actions of the handlers of signals.
 var leaves_when_appeared := false
 var frees_when_removed := false
 

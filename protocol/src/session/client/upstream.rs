@@ -1,6 +1,6 @@
 //! A member's authority over bodies, and the upstream of their states.
 //!
-//! In a free-running scene packets go as datagrams. In lockstep they go on the control stream, before the advance that
+//! In a free-running scene packets are datagrams. In lockstep they are on the control stream, before the advance that
 //! needs them. Invariant: at most one request for authority is unanswered.
 //!
 //! The server ends the authority with the connection. The next connection of a session requests it again.

@@ -39,7 +39,7 @@ struct Run {
     extent: &'static str,
 }
 
-/// Each way.
+/// Every stepping with every extent.
 const RUNS: [Run; 4] = [
     Run {
         stepping: "lockstep",
