@@ -5,6 +5,7 @@
 using System;
 using System.Linq;
 using Rhumb;
+using static Expectation;
 
 internal static class Cells
 {
@@ -31,9 +32,9 @@ internal static class Cells
             Expect(walker.ErrorBound(balls[1]) < 0.0011f, "exact states");
             TakenCell denied = walker.Cells.Single(cell => cell.State == RhumbCellState.Denied);
             Expect(denied.Cell.Equals(new Cell(0, 1, 0)) && denied.Text.Contains("no such cell"), denied.Text);
-            ExpectInvalid("a whole scene", () => owner.TakeCells());
-            ExpectInvalid("too many cells", () => walker.TakeCellsAround(new Vec3(0, 0, 0), new CellBand(500, 0.1)));
-            ExpectInvalid("a radius", () => walker.TakeCellsAround(new Vec3(0, 0, 0), new CellBand(-1, 0.1)));
+            ExpectError(RhumbCode.Invalid, "a whole scene", () => owner.TakeCells());
+            ExpectError(RhumbCode.Invalid, "too many cells", () => walker.TakeCellsAround(new Vec3(0, 0, 0), new CellBand(500, 0.1)));
+            ExpectError(RhumbCode.Invalid, "a radius", () => walker.TakeCellsAround(new Vec3(0, 0, 0), new CellBand(-1, 0.1)));
             walker.TakeCells();
             walker.Advance();
             Expect(walker.Removed.ToArray().SequenceEqual(new[] { balls[1] }), "it is shown no more");
@@ -54,29 +55,6 @@ internal static class Cells
         while (walker.Cells.Any(cell => cell.State == RhumbCellState.Awaited))
         {
             walker.Advance();
-        }
-    }
-
-    private static void ExpectInvalid(string what, Action call)
-    {
-        try
-        {
-            call();
-        }
-        catch (RhumbException error)
-        {
-            Expect(error.Code == RhumbCode.Invalid, what + ": " + error.Message);
-            return;
-        }
-        Expect(false, what + " is an error");
-    }
-
-    private static void Expect(bool holds, string what)
-    {
-        if (!holds)
-        {
-            Console.Error.WriteLine("does not hold: " + what);
-            Environment.Exit(1);
         }
     }
 }

@@ -4,6 +4,7 @@
 
 using System;
 using Rhumb;
+using static Expectation;
 
 internal static class Locomotion
 {
@@ -22,29 +23,6 @@ internal static class Locomotion
         }
         Console.WriteLine("the character walked and the vehicle drove");
         return 0;
-    }
-
-    private static void Expect(bool holds, string what)
-    {
-        if (!holds)
-        {
-            Console.Error.WriteLine("does not hold: " + what);
-            Environment.Exit(1);
-        }
-    }
-
-    private static void ExpectError(RhumbCode code, string what, Action call)
-    {
-        try
-        {
-            call();
-        }
-        catch (RhumbException error)
-        {
-            Expect(error.Code == code && error.Message.Length > 0, what + ": " + error.Code + ": " + error.Message);
-            return;
-        }
-        Expect(false, what + " is an error");
     }
 
     private static bool Near(float number, float expected, float within)

@@ -8,6 +8,7 @@ using System.Reflection;
 using System.Runtime.InteropServices;
 using System.Threading;
 using Rhumb;
+using static Expectation;
 
 internal static class Misuse
 {
@@ -34,30 +35,6 @@ internal static class Misuse
         ServerGone(arguments[2]);
         Console.WriteLine("every misuse was an exception");
         return 0;
-    }
-
-    private static void Expect(bool holds, string what)
-    {
-        if (!holds)
-        {
-            Console.Error.WriteLine("does not hold: " + what);
-            Environment.Exit(1);
-        }
-    }
-
-    private static void ExpectError(RhumbCode code, string what, Action call)
-    {
-        try
-        {
-            call();
-        }
-        catch (RhumbException error)
-        {
-            Expect(error.Code == code, what + ": " + error.Code + ": " + error.Message);
-            Expect(error.Message.Length > 0, what);
-            return;
-        }
-        Expect(false, what + " is an error");
     }
 
     private static Connection Connected(double timeout)

@@ -8,6 +8,7 @@ using System.Collections.Generic;
 using System.Linq;
 using System.Reflection;
 using Rhumb;
+using static Expectation;
 
 internal static class Surface
 {
@@ -54,29 +55,6 @@ internal static class Surface
         return 0;
     }
 
-    private static void Expect(bool holds, string what)
-    {
-        if (!holds)
-        {
-            Console.Error.WriteLine("does not hold: " + what);
-            Environment.Exit(1);
-        }
-    }
-
-    private static void ExpectInvalid(string what, Action call)
-    {
-        try
-        {
-            call();
-        }
-        catch (RhumbException error)
-        {
-            Expect(error.Code == RhumbCode.Invalid, what + ": " + error.Code + ": " + error.Message);
-            return;
-        }
-        Expect(false, what + " is an error");
-    }
-
     private static void AServerThatOthersJoin()
     {
         using (LocalServer server = LocalServer.Serve())
@@ -90,13 +68,13 @@ internal static class Surface
                 other.Advance();
             }
             Expect(other.Place(ball) >= 0, "a client of the network sees the ball");
-            Fails(RhumbCode.Denied, () => other.Page());
+            ExpectError(RhumbCode.Denied, "a page of another process", () => other.Page());
         }
         using (var server = new LocalServer())
         {
             Expect(server.Address == "", "a server without sockets has no address");
         }
-        Fails(RhumbCode.Invalid, () => LocalServer.Serve("0.0.0.0:0"));
+        ExpectError(RhumbCode.Invalid, "an address beyond this machine", () => LocalServer.Serve("0.0.0.0:0"));
         using (Scene scene = Connection.Local().Join("shown"))
         {
             try
@@ -126,7 +104,7 @@ internal static class Surface
             using (Checkpoint read = Checkpoint.Read(bytes))
             {
                 server.Restore("two", read);
-                Fails(RhumbCode.Denied, () => server.Restore("two", read));
+                ExpectError(RhumbCode.Denied, "a second scene of that name", () => server.Restore("two", read));
             }
             using (Scene two = server.Connect().Join("two"))
             {
@@ -143,7 +121,7 @@ internal static class Surface
                 }
             }
             bytes[bytes.Length / 2] ^= 1;
-            Fails(RhumbCode.Invalid, () => Checkpoint.Read(bytes));
+            ExpectError(RhumbCode.Invalid, "a damaged checkpoint", () => Checkpoint.Read(bytes));
         }
     }
 
@@ -163,23 +141,9 @@ internal static class Surface
             Expect(robot.Frames["arm"].Rotation.W > 0.99f && robot.LeftOut.Count > 0, "frames and notes");
             Expect(scene.Positions[scene.Place(robot.Bodies["arm"])].Y > 2.9f, "the place of the file");
             Expect(scene.Load(path).Joints["hinge"] != 7, "numbers of joints that are free");
-            Fails(RhumbCode.Invalid, () => scene.Load("nothing.urdf"));
+            ExpectError(RhumbCode.Invalid, "a file that is not there", () => scene.Load("nothing.urdf"));
         }
         System.IO.File.Delete(path);
-    }
-
-    private static void Fails(RhumbCode code, Action call)
-    {
-        try
-        {
-            call();
-        }
-        catch (RhumbException error)
-        {
-            Expect(error.Code == code, error.Message);
-            return;
-        }
-        Expect(false, "a call that fails with " + code);
     }
 
     private static Request NextRequest(Scene owner, Scene follower)
@@ -212,7 +176,7 @@ internal static class Surface
                 Expect(gravity.Kind == RhumbRequestKind.SetGravity && gravity.Point == null, "another gravity");
                 owner.Accept(push);
                 owner.Refuse(gravity);
-                ExpectInvalid("an answer twice", () => owner.Refuse(gravity));
+                ExpectError(RhumbCode.Invalid, "an answer twice", () => owner.Refuse(gravity));
                 Expect(!owner.TryNextRequest(out none), "there is no further request");
                 ulong tick = owner.Feed(bodies, new[] { new Vec3(4, 5, 6) }, tick: 7);
                 Expect(tick == 7, "the tick that was given");
@@ -228,12 +192,12 @@ internal static class Surface
                 }
                 Expect(refused.Number == gravity.Number, "the refusal names the command");
             }
-            ExpectInvalid("too few rows", () => owner.Feed(bodies, new Vec3[0]));
-            ExpectInvalid("tick 0", () => owner.Feed(bodies, new Vec3[1], tick: 0));
+            ExpectError(RhumbCode.Invalid, "too few rows", () => owner.Feed(bodies, new Vec3[0]));
+            ExpectError(RhumbCode.Invalid, "tick 0", () => owner.Feed(bodies, new Vec3[1], tick: 0));
         }
         using (LocalServer server = LocalServer.Serve())
         {
-            Fails(RhumbCode.Invalid, () => server.Feed("fed"));
+            ExpectError(RhumbCode.Invalid, "a feed of a server with sockets", () => server.Feed("fed"));
         }
     }
 
@@ -422,11 +386,11 @@ internal static class Surface
         Expect(options.Raw().has_resume_within == 0 && options.ResumeWithin == null, "the scene suggests again");
         using (Connection connection = Connected())
         {
-            ExpectInvalid("no substeps", () => connection.Join("wrong", new JoinOptions { Substeps = 0 }));
-            ExpectInvalid("a delay", () => connection.Join("wrong", new JoinOptions { DelayTicks = -1 }));
-            ExpectInvalid("a lead", () => connection.Join("wrong", new JoinOptions { LeadTicks = -1 }));
-            ExpectInvalid("no delay", () => connection.Join("wrong", new JoinOptions { DelayTicks = double.NaN }));
-            ExpectInvalid("a time", () => connection.Join("wrong", new JoinOptions { ResumeWithin = TimeSpan.FromTicks(-1) }));
+            ExpectError(RhumbCode.Invalid, "no substeps", () => connection.Join("wrong", new JoinOptions { Substeps = 0 }));
+            ExpectError(RhumbCode.Invalid, "a delay", () => connection.Join("wrong", new JoinOptions { DelayTicks = -1 }));
+            ExpectError(RhumbCode.Invalid, "a lead", () => connection.Join("wrong", new JoinOptions { LeadTicks = -1 }));
+            ExpectError(RhumbCode.Invalid, "no delay", () => connection.Join("wrong", new JoinOptions { DelayTicks = double.NaN }));
+            ExpectError(RhumbCode.Invalid, "a time", () => connection.Join("wrong", new JoinOptions { ResumeWithin = TimeSpan.FromTicks(-1) }));
             // None of these used the connection up.
             connection.Join("right", options).Dispose();
         }
@@ -594,8 +558,8 @@ internal static class Surface
             Query over = Query.Overlap(beam, new Vec3(10, 12, 0));
             hits = scene.Ask(over, over.Rotation(AboutUp(Math.PI / 2)));
             Expect(hits.Length == 1 && hits[0].Query == 1 && hits[0].Body.Equals(ball), "the turned beam alone overlaps");
-            ExpectInvalid("not a unit quaternion", () => scene.Ask(straight.Rotation(new Quat(1, 1, 1, 1))));
-            ExpectInvalid("no rotation", () => scene.Ask(straight.Rotation(default(Quat))));
+            ExpectError(RhumbCode.Invalid, "not a unit quaternion", () => scene.Ask(straight.Rotation(new Quat(1, 1, 1, 1))));
+            ExpectError(RhumbCode.Invalid, "no rotation", () => scene.Ask(straight.Rotation(default(Quat))));
             scene.Delete();
         }
     }
@@ -671,7 +635,7 @@ internal static class Surface
             }
             Expect(scene.ErrorBounds(scene.Bodies).Length == bodies.Length, "of all bodies of the view");
             Expect(scene.ErrorBounds(new Body[0]).Length == 0, "of none");
-            ExpectInvalid("one that is not there", () => scene.ErrorBounds(new[] { bodies[0], default(Body) }));
+            ExpectError(RhumbCode.Invalid, "one that is not there", () => scene.ErrorBounds(new[] { bodies[0], default(Body) }));
             scene.Delete();
         }
     }

@@ -44,9 +44,12 @@ impl Assembly {
         command
             .args(["-nowarn:169,649,1591", "-r:System.Core"])
             .arg(out);
+        let binding = root().join("bindings/csharp");
+        let expectation = binding.join("tests/Expectation.cs");
         command
             .args(sources("src"))
-            .arg(root().join("bindings/csharp").join(program))
+            .arg(binding.join(program))
+            .args(program.starts_with("tests/").then_some(expectation))
             .args(more);
         run_well(&mut command);
         Some(Self { folder })
