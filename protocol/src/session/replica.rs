@@ -150,8 +150,7 @@ impl Replica {
     }
 
     /// The id here of a body of the scene; `None` if it is not here now. In a replica of a whole scene it is the same.
-    #[must_use]
-    pub fn id_here(&self, id: BodyId) -> Option<BodyId> {
+    pub(crate) fn id_here(&self, id: BodyId) -> Option<BodyId> {
         let local = match self.names.is_empty() {
             true => id,
             false => *self.locals.get(&id)?,
