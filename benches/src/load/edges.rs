@@ -484,35 +484,37 @@ impl<'a> Rig<'a> {
 
     /// Kills the router of the edges, and starts it again once the edges are served by the other one.
     fn kill_router(&mut self) -> Result<Option<Fault>, Failure> {
-        if self.routers.is_none() {
-            return Ok(None);
-        }
-        thread::sleep(BETWEEN);
-        let lost_before = self.lost();
-        let fault = self.begin_fault(0..self.edges.len(), |rig| {
-            rig.signal_router(1, Signal::Kill)
-        })?;
-        let back = self.await_members(&fault, lost_before);
+        let fault = self.begin_router_fault(1, Signal::Kill)?;
         if let Some(routers) = &mut self.routers {
             routers.start_again(1)?;
         }
-        Ok(Some(back))
+        Ok(fault.map(|(_, back)| back))
     }
 
     /// Freezes the router to which all have gone for a while.
     fn freeze_router(&mut self, duration: Duration) -> Result<Option<Fault>, Failure> {
+        let Some((since, back)) = self.begin_router_fault(0, Signal::Stop)? else {
+            return Ok(None);
+        };
+        thread::sleep(duration.saturating_sub(since.elapsed()));
+        self.signal_router(0, Signal::Continue)?;
+        Ok(Some(back))
+    }
+
+    /// Sends a router a signal, and waits until the members are back; also returns the moment of the signal.
+    fn begin_router_fault(
+        &mut self,
+        router: usize,
+        signal: Signal,
+    ) -> Result<Option<(Instant, Fault)>, Failure> {
         if self.routers.is_none() {
             return Ok(None);
         }
         thread::sleep(BETWEEN);
         let lost_before = self.lost();
-        let fault = self.begin_fault(0..self.edges.len(), |rig| {
-            rig.signal_router(0, Signal::Stop)
-        })?;
-        let back = self.await_members(&fault, lost_before);
-        thread::sleep(duration.saturating_sub(fault.since.elapsed()));
-        self.signal_router(0, Signal::Continue)?;
-        Ok(Some(back))
+        let fault =
+            self.begin_fault(0..self.edges.len(), |rig| rig.signal_router(router, signal))?;
+        Ok(Some((fault.since, self.await_members(&fault, lost_before))))
     }
 
     fn signal_router(&self, router: usize, signal: Signal) -> Result<(), Failure> {

@@ -4,7 +4,6 @@
 //! notes when each tick arrives: alone, then beside the abuse. At the end a client of a third tenant creates a scene.
 //! Attacker, server and victim share the machine; the attacker's threads have a lower priority, as if it had its own.
 
-use std::fs;
 use std::path::PathBuf;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Mutex, PoisonError};
@@ -21,7 +20,9 @@ use serde::{Deserialize, Serialize};
 
 use super::abuses::{ABUSES, Abuse};
 use super::attacker::{Attacker, VICTIM};
-use super::rig::{FrameTimes, LIMIT, ServerArguments, TokenKey, bytes_in, script, take_ids};
+use super::rig::{
+    FrameTimes, LIMIT, ServerArguments, TokenKey, bytes_in, empty_folder, script, take_ids,
+};
 use crate::drive::ServerProcess;
 use crate::machine::{lower_priority, memory_bytes};
 use crate::numbers::{dash, markdown, number};
@@ -176,11 +177,7 @@ fn greatest_memory(process: u32, is_over: &AtomicBool) -> u64 {
 impl<'a> AbusedServer<'a> {
     fn start(arguments: &'a NeighbourArguments) -> Result<Self, Failure> {
         let folder = arguments.out.join("server");
-        // The scenes of another abuse would be restored.
-        if folder.exists() {
-            fs::remove_dir_all(&folder)?;
-        }
-        fs::create_dir_all(&folder)?;
+        empty_folder(&folder)?;
         let key = TokenKey::make(&arguments.server, &folder)?;
         let (public, data) = (key.public(), folder.join("data"));
         let [key_file, data_folder] = [&public, &data].map(|path| path.display().to_string());

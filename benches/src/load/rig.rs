@@ -111,6 +111,14 @@ fn output_of(program: &mut Program) -> Result<String, Failure> {
     Err(format!("{program:?} failed: {cause}").into())
 }
 
+/// Makes an empty folder for a server: what an earlier run left in it would be restored.
+pub(super) fn empty_folder(folder: &Path) -> io::Result<()> {
+    if folder.exists() {
+        fs::remove_dir_all(folder)?;
+    }
+    fs::create_dir_all(folder)
+}
+
 /// Bytes of a file, or of all files below a folder; what the server has removed meanwhile has none.
 pub(super) fn bytes_in(path: &Path) -> io::Result<u64> {
     match bytes_found(path) {

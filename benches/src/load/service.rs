@@ -3,7 +3,6 @@
 //! Servers that differ in one setting step one script each. At each tick each of them has its frame in turn, so that a
 //! change of the machine's speed meets all of them. The processor time is that of the server's processes together.
 
-use std::fs;
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 
@@ -16,7 +15,7 @@ use rhumb_reckoning::Tick;
 use rhumb_sims::NAMES;
 use serde::{Deserialize, Serialize};
 
-use super::rig::{FrameTimes, ServerArguments, TokenKey, bytes_in, script, take_ids};
+use super::rig::{FrameTimes, ServerArguments, TokenKey, bytes_in, empty_folder, script, take_ids};
 use crate::drive::ServerProcess;
 use crate::machine::worked_us;
 use crate::numbers::{markdown, number};
@@ -186,11 +185,7 @@ impl Measured {
         folder: PathBuf,
         options: JoinOptions,
     ) -> Result<Self, Failure> {
-        // An earlier run's state would be restored.
-        if folder.exists() {
-            fs::remove_dir_all(&folder)?;
-        }
-        fs::create_dir_all(&folder)?;
+        empty_folder(&folder)?;
         let path = |path: &Path| path.display().to_string();
         let mut flags = vec!["--log".to_owned(), "warn".to_owned()];
         let key = (kind.tokens).then(|| TokenKey::make(server, &folder));
