@@ -3,6 +3,7 @@
 //! The files are summary, report, trace and viewer layout. Each is written whole or not at all.
 
 use std::error::Error;
+use std::ffi::OsStr;
 use std::fmt;
 use std::io::{self, Write};
 use std::path::{Path, PathBuf};
@@ -35,7 +36,7 @@ pub(crate) fn ended(result: Result<(), Failure>) -> ExitCode {
 /// Source of figures.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Provenance {
-    /// The command line, as typed.
+    /// The command line; its paths have no folders.
     pub command: String,
     /// Processor, cores, operating system.
     pub machine: String,
@@ -117,14 +118,24 @@ pub fn make_folder(out: &Path) -> Result<(), OutputError> {
     })
 }
 
-/// The command line of this process, the program without its folder.
+/// The command line of this process. Folders of one machine are left out: those of the program and of all paths.
 pub fn command_line() -> String {
     let mut words = std::env::args();
     let program = words.next().unwrap_or_default();
     let name = Path::new(&program).file_stem().unwrap_or_default();
     words.fold(name.to_string_lossy().into_owned(), |line, word| {
-        line + " " + &word
+        line + " " + &without_folders(&word)
     })
+}
+
+/// An argument, of each path in it the last name.
+fn without_folders(argument: &str) -> String {
+    let parts = argument.split_inclusive(['=', ',']).map(|part| {
+        let path = part.trim_end_matches(['=', ',']);
+        let name = Path::new(path).file_name().and_then(OsStr::to_str);
+        [name.unwrap_or(path), &part[path.len()..]].concat()
+    });
+    parts.collect()
 }
 
 /// Prints the table and writes all outputs. `drawn` is the largest body count drawn in the trace; `None` writes no
@@ -241,4 +252,33 @@ pub fn print_text(text: &str) -> Result<(), OutputError> {
         path: "standard output".into(),
         cause,
     })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_path_is_recorded_without_its_folder() {
+        let recorded = |argument: &str, expected: &str| {
+            assert_eq!(without_folders(argument), expected, "{argument}");
+        };
+        recorded("/home/me/results/pit", "pit");
+        recorded("target/release/rhumb-server", "rhumb-server");
+        recorded("--out=/tmp/pit/", "--out=pit");
+        recorded(
+            "cubes=/data/a.zst,pit,b=../b.mcap",
+            "cubes=a.zst,pit,b=b.mcap",
+        );
+        for unchanged in [
+            "--no-trace",
+            "rtt=100ms,loss=5%",
+            "500..2000",
+            "..",
+            ",=",
+            "",
+        ] {
+            recorded(unchanged, unchanged);
+        }
+    }
 }

@@ -429,7 +429,7 @@ pub struct JoinCost {
 /// All measurements of one invocation: one truth per load and the modes run on it.
 #[derive(Clone, Debug)]
 pub struct Experiment {
-    /// The command line, as typed.
+    /// The command line; its paths have no folders.
     pub command: String,
     /// Seed of the scripts.
     pub seed: u64,

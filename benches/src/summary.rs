@@ -27,7 +27,7 @@ pub use run_figures::{
 /// Figures of one experiment.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Summary {
-    /// The command line, as typed.
+    /// The command line; its paths have no folders.
     pub command: String,
     /// Seed of the scripts.
     pub seed: u64,

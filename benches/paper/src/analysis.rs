@@ -254,7 +254,7 @@ fn void(trials: &[ExperimentTrial]) -> Vec<Void> {
 /// Results of an experiment: `paper.json`.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub(crate) struct PaperResults {
-    /// The command line, as typed.
+    /// The command line; its paths have no folders.
     pub(crate) command: String,
     /// Settings of the experiment.
     pub(crate) settings: Settings,

@@ -80,7 +80,7 @@ pub(crate) struct HardwareResults {
 /// Results of one machine.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub(crate) struct MachineResults {
-    /// The command line, as typed.
+    /// The command line; its paths have no folders.
     pub(crate) command: String,
     /// Processor, cores, operating system.
     pub(crate) machine: String,

@@ -115,7 +115,7 @@ impl Table {
 /// Circumstances of a task's measurement.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub(crate) struct Provenance {
-    /// The command line, as typed.
+    /// The command line; its paths have no folders.
     pub(crate) command: String,
     /// Processor, cores, operating system.
     machine: String,
