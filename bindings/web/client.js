@@ -38,7 +38,7 @@ const COUNTERS = [
   "sentControlBytes",
 ];
 
-/** Whether refusals are events alone. */
+/** True if refusals are only events. */
 function quiet(refusals = "throw") {
   if (refusals !== "throw" && refusals !== "events") {
     throw wrong("options.join.refusals", refusals, `"throw" or "events"`);

@@ -438,7 +438,7 @@ UPSTREAM = of(
     ("6.14-13", "the limit is one of doubles", "        if all(abs(to_f32(part)) <=", "        if all(abs(part) <="),
     ("6.14-13", "only the coordinate at fault stays", "        return stilled(self.placed.get(index, motion))\n", "        clamped = tuple(max(min(part, LIMITS[\"COORDINATE_MAX\"]), -LIMITS[\"COORDINATE_MAX\"]) for part in motion.position)\n        return reckoning.Motion(clamped, motion.rotation, (0.0,) * 3, (0.0,) * 3)\n"),
     ("6.14-13", "a body that stays keeps its velocities", "        return stilled(self.placed.get(index, motion))\n", "        return self.placed.get(index, motion)\n"),
-    ("6.14-14", "bodies of a silent member go on", "at = min(tick, self.trusted())", "at = tick"),
+    ("6.14-14", "bodies of a silent member continue", "at = min(tick, self.trusted())", "at = tick"),
     ("6.14-14", "bodies of a silent member keep their velocities", "        if tick > at:\n", "        if False:\n"),
     ("6.14-14", "there is no grace", " + grace\n", "\n"),
     ("6.14-14", "a short silence does not count as L", "max(silence, least, 1)", "max(silence, 1)"),

@@ -95,7 +95,7 @@ pub struct JoinParams {
     pub condition: JoinCondition,
     /// The most that any point of a copied body may be off, metres in any coordinates.
     pub tolerance_m: f64,
-    /// Whether the scene is taken by cells, if its server divides it: then the tolerance is of what is in no cell.
+    /// True if the scene is taken by cells, where its server divides it: then the tolerance is of what is in no cell.
     pub cells: bool,
     /// Source of the ticks of a new scene.
     pub stepping: Stepping,

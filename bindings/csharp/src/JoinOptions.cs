@@ -47,7 +47,7 @@ namespace Rhumb
         }
 
         /// <summary>
-        /// Whether the scene is taken by cells, if its server divides it: see Scene.TakeCellsAround. The tolerance is then of the
+        /// True if the scene is taken by cells, where its server divides it: see Scene.TakeCellsAround. The tolerance is then of the
         /// bodies that are in no cell.
         /// </summary>
         public bool Cells
@@ -139,7 +139,8 @@ namespace Rhumb
         }
 
         /// <summary>
-        /// Whether the next Advance, Wait or Poll throws what the server refused, as in plain options, or events alone tell.
+        /// Way in which a refusal of the server is told: the next Advance, Wait or Poll throws it, as in plain options, or only
+        /// an event has it.
         /// </summary>
         public RhumbRefusals Refusals
         {

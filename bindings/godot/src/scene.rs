@@ -86,8 +86,8 @@ pub(crate) struct SceneNode {
     #[export(range = (0.0001, 1.0, suffix = "m"))]
     #[init(val = 0.05)]
     tolerance: f64,
-    /// Whether the scene is taken by cells, if its server divides it: see `take_cells_around`. The tolerance is then of the bodies
-    /// that are in no cell, and the children become bodies only with `AddChildren.Always`.
+    /// True if the scene is taken by cells, where its server divides it: see `take_cells_around`. The tolerance is then of the
+    /// bodies that are in no cell, and the children become bodies only with `AddChildren.Always`.
     #[export]
     cells: bool,
     /// Source of the ticks of a new scene. In lockstep it has as many in a second as Godot has physics frames.

@@ -443,7 +443,7 @@ fn filter(from: &Argument<'_>) -> Result<QueryFilter, Failure> {
 pub(crate) struct JoinArguments {
     pub(crate) mode: JoinMode,
     pub(crate) stream: StreamChoice,
-    /// Whether the scene is taken by cells.
+    /// True if the scene is taken by cells.
     pub(crate) cells: bool,
     pub(crate) view: ViewOptions,
     pub(crate) lead_ticks: f64,

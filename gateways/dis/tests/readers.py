@@ -165,7 +165,7 @@ def outcome(read):
     """The outcome of one datagram at a reader: the number of PDUs, or a refusal."""
     try:
         count = read()
-    except Exception:  # Whatever it throws, it has noticed.
+    except Exception:  # Each exception is a refusal.
         return "refused"
     return f"{count} read" if count else "refused"
 

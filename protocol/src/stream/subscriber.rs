@@ -616,7 +616,7 @@ impl Subscriber {
         self.history = EXPECTED_HISTORY;
     }
 
-    /// Keeps motions for this many ticks before the newest one, because a view is delayed by them. Whatever is
+    /// Keeps motions for this many ticks before the newest one, because a view is delayed by them. What is
     /// older than the last [`Self::forget_before`] is dropped all the same.
     pub const fn set_history(&mut self, ticks: Ticks) {
         self.history = ticks.count() as u64;

@@ -516,7 +516,7 @@ pub(crate) type FenceClock = Arc<dyn Fn() -> Instant + Send + Sync>;
 /// A question to the thread of files.
 enum FilesAsk {
     Take(FilesWanted),
-    /// Whether a scene has files.
+    /// Looks whether a scene has files.
     Look(SceneName),
 }
 

@@ -1,6 +1,6 @@
 //! Recovery of scenes on a disk that crashes, is cut, or is flipped.
 //!
-//! Each run is recorded with the digest of every tick. Whatever is restored must equal the recorded run at its tick.
+//! Each run is recorded with the digest of every tick. A restored run must equal the recorded run at its tick.
 
 mod follow;
 mod repair;

@@ -1,8 +1,8 @@
 //! Fuzzers of the paper's protocol: arbitrary bytes, and arbitrary messages.
 //!
 //! Promises: messages are decoded the same however the bytes are split. A decoded message is encoded as it was, except
-//! for parts that the protocol does not fix. Whatever a client sends, its scene continues, sends finite states, and
-//! ends with its client.
+//! for parts that the protocol does not fix. A scene continues and sends finite states for all bytes of its
+//! client, and ends with it.
 
 use glam::{Quat, Vec3};
 use rhumb_app::{
