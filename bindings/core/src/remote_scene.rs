@@ -695,14 +695,14 @@ impl RemoteScene {
     pub fn error_bound(&self, body: BodyId) -> Result<f32, BindingError> {
         let bound = self.client.error_bound(body);
         let bound = bound.ok_or(BindingError::NotInView(body))?;
-        Ok(self.shown_bound(bound, self.place(body)?))
+        Ok(self.bound_in_units(bound, self.place(body)?))
     }
 
     /// The bounds of all bodies of the view, in the order of the arrays: see [`Self::error_bound`].
     pub fn error_bounds(&mut self) -> &[f32] {
         let bounds = self.client.error_bounds().enumerate();
         let bounds: Vec<_> = bounds
-            .map(|(place, bound)| self.shown_bound(bound, place))
+            .map(|(place, bound)| self.bound_in_units(bound, place))
             .collect();
         self.error_bounds = bounds;
         &self.error_bounds
@@ -722,7 +722,7 @@ impl RemoteScene {
     }
 
     /// The bound of a pose as it is handed out: in the application's units, and from the body's origin.
-    fn shown_bound(&self, bound: ErrorBound, place: usize) -> f32 {
+    fn bound_in_units(&self, bound: ErrorBound, place: usize) -> f32 {
         let (view, coordinates) = (self.client.view(), self.coordinates());
         let centre = self.centres.centre(view.ids()[place]);
         let rounding = rounding(view.positions()[place], centre, coordinates);
