@@ -13,6 +13,7 @@ mod process;
 #[cfg(not(target_os = "linux"))]
 #[path = "no_process.rs"]
 mod process;
+mod recorders;
 mod settings;
 mod watchdog;
 mod worker;

@@ -23,7 +23,7 @@ use super::super::message::{FromProcess, FromWorker, ToProcess, Vitals, WorkerId
 use super::super::worker::{BakePool, ThreadWorker, Watched};
 
 use super::codec::{WorkerSetup, decode_to, encode_from};
-use crate::dispatcher::settings::SceneRecorders;
+use crate::dispatcher::recorders::SceneRecorders;
 use crate::dispatcher::worker::WorkerThreads;
 use crate::durable::DataDir;
 use crate::flight::{FlightRecorders, ForwardedFlight};
