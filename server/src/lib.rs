@@ -40,16 +40,17 @@
 #![cfg_attr(not(feature = "box3d"), forbid(unsafe_code))]
 #![deny(unsafe_code)]
 
-mod admission;
 mod baking;
-mod cells;
+mod bodies_by_cell;
 mod checkpoint;
 mod clients;
 mod control_stream;
 pub mod engine;
 mod event_monitor;
 mod feed;
+mod greeting;
 mod hook;
+mod load;
 mod member;
 mod permit;
 mod record;
@@ -64,7 +65,6 @@ mod streams;
 mod taken_cell;
 mod tier_controller;
 
-pub use admission::{Admission, SceneSlots, ServerLoad, TenantLoads, tenant_of};
 pub use baking::{BakeJob, Bakers};
 pub use checkpoint::{Checkpoint, CheckpointError, replay};
 #[doc(hidden)]
@@ -77,9 +77,11 @@ pub use feed::{
     AnsweredBefore, FedRequest, FedVelocities, Feed, FeedTaken, Feeds, TICKS_APART_MAX,
 };
 pub use glam;
+pub use greeting::{Greeted, Greeting};
 pub use hook::{
     Hook, HookError, Hooks, Incident, ObserveScenes, SceneObserver, Traffic, Unobserved,
 };
+pub use load::{Admission, SceneSlots, ServerLoad, TenantLoads, tenant_of};
 pub use member::UpstreamStatistics;
 pub use permit::{ClientName, Ownership, Permit, Quotas, decode_client_of, encode_client_of};
 pub use record::{
@@ -95,7 +97,6 @@ pub use rhumb_protocol::stream::{Activity, Observation, SubscriberStatistics};
 pub use rhumb_protocol::{Instant, Peer, Span};
 pub use rhumb_reckoning::{BodyId, BodyState, Inertia, Metres, Tick, Tolerance};
 pub use router::SceneRouter;
-pub use router::{Greeted, Greeting};
 pub use scene::{Digest, FrozenScene, IMAGE_FORMAT, Scene, SceneFault, Stepped};
 #[doc(hidden)]
 pub use scene_loop::SceneLoop;

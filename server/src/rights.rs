@@ -19,10 +19,10 @@ use rhumb_protocol::scene::{
 };
 use rhumb_reckoning::{BodyId, Tick};
 
-use crate::admission::{self, SceneLoad, SceneSlot};
-use crate::cells::TAKEN_CELLS_MAX;
+use crate::bodies_by_cell::TAKEN_CELLS_MAX;
 use crate::clients::AuthorityTable;
 use crate::clients::Clients;
+use crate::load::{self, SceneLoad, SceneSlot};
 use crate::member::{Member, Subscribed};
 use crate::permit;
 use crate::permit::{Ownership, Permit};
@@ -54,7 +54,7 @@ pub(crate) fn admit_scene(
     settings: &SceneSettings,
 ) -> Result<(SceneSlot, SceneLoad), Denial> {
     config.check().map_err(Denial::InvalidConfig)?;
-    let ticks = admission::ticks_in_second(config);
+    let ticks = load::ticks_in_second(config);
     if config.stepping == Stepping::FreeRunning && ticks > settings.limits.scene_ticks_per_second {
         let rate = Invalid::out_of_range(Quantity::Rate);
         return Err(Denial::InvalidConfig(rate));
@@ -62,7 +62,7 @@ pub(crate) fn admit_scene(
     let slot = settings.take_slot().ok_or(Denial::TooManyScenes)?;
     let load = settings.load_of(name, config);
     if !load.has_room() {
-        let retry_seconds = admission::RETRY_SECONDS;
+        let retry_seconds = load::RETRY_SECONDS;
         return Err(Denial::Overloaded { retry_seconds });
     }
     Ok((slot, load))
@@ -280,14 +280,14 @@ pub(crate) fn admit(
         }
         Command::SetLocomotion { id, locomotion } => {
             command.check().map_err(CommandError::Invalid)?;
-            let before = admission::locomotion_steps(scene.locomotion(*id).into_iter());
-            let others = admission::locomotion_steps(scene.locomotions()) - before;
-            let asked = admission::locomotion_steps(std::iter::once(&**locomotion));
+            let before = load::locomotion_steps(scene.locomotion(*id).into_iter());
+            let others = load::locomotion_steps(scene.locomotions()) - before;
+            let asked = load::locomotion_steps(std::iter::once(&**locomotion));
             load.set_locomotion(others + asked)
         }
         _ => true,
     };
-    let retry_seconds = admission::RETRY_SECONDS;
+    let retry_seconds = load::RETRY_SECONDS;
     is_admitted
         .then_some(())
         .ok_or(CommandError::Overloaded { retry_seconds })
@@ -462,8 +462,7 @@ fn is_within_quotas(permit: &Permit, ownership: &Ownership, request: Request<'_>
     };
     match request {
         Request::Create(config) => {
-            fits(quotas.load, admission::body_steps(config))
-                && fits(quotas.scenes.map(u64::from), 1)
+            fits(quotas.load, load::body_steps(config)) && fits(quotas.scenes.map(u64::from), 1)
         }
         Request::Join {
             members,
@@ -482,10 +481,7 @@ fn is_within_quotas(permit: &Permit, ownership: &Ownership, request: Request<'_>
             let bodies = u64::from(bodies) + 1;
             damping_fits(desc)
                 && fits(quotas.bodies.map(u64::from), bodies)
-                && fits(
-                    quotas.load,
-                    admission::body_steps(config).saturating_mul(bodies),
-                )
+                && fits(quotas.load, load::body_steps(config).saturating_mul(bodies))
         }
         Request::Command(Command::ChangeBody { desc }, _) => damping_fits(desc),
         _ => true,

@@ -24,14 +24,14 @@ use rhumb_protocol::{
 };
 use rhumb_reckoning::Tick;
 
-use crate::admission::{self, CommandPace, SceneLoad, SceneSlot};
 use crate::baking::Bakery;
-use crate::cells::Cells;
+use crate::bodies_by_cell::Cells;
 use crate::checkpoint::{Checkpoint, CheckpointError, Rollback};
 use crate::clients::{AuthorityTable, Clients, Turn};
 use crate::engine::{Engine, FedEngine, NoEngine};
 use crate::feed::{FedScene, SharedFeed};
 use crate::hook::{Hook, SceneObserver, Times};
+use crate::load::{self, CommandPace, SceneLoad, SceneSlot};
 use crate::member::{Extent, SnapshotRequest, UpstreamStatistics};
 use crate::permit::{IdRanges, Ownership, Permit};
 use crate::rights;
@@ -123,7 +123,7 @@ impl SceneLoop {
             running: None,
             clients: Clients::new(settings.limits),
             retry_at: Instant::ZERO,
-            turns_left: admission::TURNS_TIME,
+            turns_left: load::TURNS_TIME,
             begun: 0,
             bakery: Bakery::new(settings.bakers.clone()),
             settings,
@@ -438,7 +438,7 @@ impl SceneLoop {
         for _ in 0..scene.body_count() {
             load.add_body();
         }
-        let _ = load.set_locomotion(admission::locomotion_steps(scene.locomotions()));
+        let _ = load.set_locomotion(load::locomotion_steps(scene.locomotions()));
         self.run_scene(scene, slot, load);
         let Some(running) = &mut self.running else {
             return;
@@ -493,7 +493,7 @@ impl SceneLoop {
                 format_args!("it has {bodies} bodies, and limits.bodies_per_scene is {most}");
             return Err(refused(&reason));
         }
-        let steps = admission::locomotion_steps(scene.locomotions());
+        let steps = load::locomotion_steps(scene.locomotions());
         if !(0..bodies).all(|_| load.add_body()) || !load.set_locomotion(steps) {
             return Err(refused(
                 &"its bodies take more than limits.scene_load or limits.server_load",
@@ -739,7 +739,7 @@ impl Endpoint for SceneLoop {
 
     fn handle_timeout(&mut self, now: Instant) {
         self.clients.at(now);
-        self.turns_left = admission::TURNS_TIME;
+        self.turns_left = load::TURNS_TIME;
         let queued = self.clients.take_in_turn(Turn::Queued);
         self.take_turns(now, &queued);
         if let Some(running) = &mut self.running {

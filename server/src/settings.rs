@@ -16,11 +16,11 @@ use rhumb_protocol::scene::{CellGrid, Command, SceneConfig, SceneName, Stepping}
 use rhumb_protocol::{Instant, Span};
 use serde::{Deserialize, Serialize};
 
-use crate::admission::{self, Admission, SceneLoad, SceneSlot};
 use crate::baking::Bakers;
 use crate::engine::{Engines, StepThreads};
 use crate::feed::Feeds;
 use crate::hook::{Hooks, ObserveScenes, Unobserved};
+use crate::load::{self, Admission, SceneLoad, SceneSlot};
 use crate::scene::Scene;
 use crate::sessions::SceneStore;
 
@@ -94,7 +94,7 @@ impl SceneSettings {
     /// A scene's share of the server's time, none of it taken.
     pub(crate) fn load_of(&self, scene: &SceneName, config: &SceneConfig) -> SceneLoad {
         let ticks = match config.stepping {
-            Stepping::FreeRunning => admission::ticks_in_second(config),
+            Stepping::FreeRunning => load::ticks_in_second(config),
             Stepping::Lockstep => 0,
         };
         let substeps = u64::from(config.integrator.substeps.get());

@@ -1,6 +1,6 @@
 //! One cell that members take: its streams, and the ids of its bodies there.
 //!
-//! Which bodies it has is decided in `cells`. A cell that has nothing to say is **silent**: until its next watermark it is
+//! Which bodies it has is decided in `bodies_by_cell`. A cell that has nothing to say is **silent**: until its next watermark it is
 //! neither observed nor published, and costs a tick nothing. Each change of it wakes it first. Invariant: what a silent
 //! cell sends is what it would send if each tick were published.
 

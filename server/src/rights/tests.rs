@@ -120,7 +120,7 @@ fn quotas_count_the_bodies_of_the_client() {
     scene.remove_body(BodyId::new(0, 0));
     assert_eq!(decide(&anna, &scene, &add_body(2)), Ok(()));
     // One body at 60 ticks a second: the second body would exceed the load.
-    let steps = admission::body_steps(&SceneConfig::default());
+    let steps = load::body_steps(&SceneConfig::default());
     anna.quotas.load = Some(2 * steps - 1);
     assert_eq!(decide(&anna, &scene, &add_body(2)), Err(Refused::OverQuota));
     anna.quotas.members = Some(1);
@@ -226,7 +226,7 @@ fn a_command_is_refused_for_the_first_of_its_reasons() {
     let mut poor = controller.clone();
     poor.quotas.bodies = Some(0);
     let overloaded = CommandError::Overloaded {
-        retry_seconds: admission::RETRY_SECONDS,
+        retry_seconds: load::RETRY_SECONDS,
     };
     let reasons = [
         (&observer, true, &foreign, full, CommandError::NotAllowed),

@@ -11,7 +11,7 @@ use rhumb_protocol::packet::StreamId;
 use rhumb_protocol::scene::Cell;
 
 use super::RunningScene;
-use crate::cells::{Cells, Placement, TAKEN_CELLS_MAX};
+use crate::bodies_by_cell::{Cells, Placement, TAKEN_CELLS_MAX};
 use crate::clients::Clients;
 use crate::member::{Extent, SnapshotRequest, Subscribed};
 use crate::streams::{self, Stream, Streams};

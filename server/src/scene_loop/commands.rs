@@ -20,11 +20,11 @@ use rhumb_protocol::stream::Activity;
 use rhumb_reckoning::{BodyId, BodyState, Tick};
 
 use super::RunningScene;
-use crate::admission;
-use crate::cells::Placement;
+use crate::bodies_by_cell::Placement;
 use crate::clients::{Clients, SceneClient};
 use crate::engine::{BakedShape, Baker, UnusableShape};
 use crate::event_monitor::{EventKey, StepEvents};
+use crate::load;
 use crate::member::UpstreamStatistics;
 use crate::permit::Permit;
 use crate::record::Author;
@@ -98,7 +98,7 @@ impl RunningScene {
             return Ok(());
         }
         if self.is_log_full() {
-            let retry_seconds = admission::RETRY_SECONDS;
+            let retry_seconds = load::RETRY_SECONDS;
             return Err(CommandError::Overloaded { retry_seconds });
         }
         self.apply_and_announce(command, clients)?;
@@ -197,7 +197,7 @@ impl RunningScene {
 
     /// Reserves what the characters and vehicles of the scene cost now.
     pub(super) fn reserve_locomotion(&mut self) {
-        let steps = admission::locomotion_steps(self.scene.locomotions());
+        let steps = load::locomotion_steps(self.scene.locomotions());
         let _ = self.load.set_locomotion(steps);
     }
 

@@ -9,9 +9,9 @@ use rhumb_protocol::scene::{BodyDesc, BodyKind, Command, CommandError};
 use rhumb_protocol::{Instant, Peer};
 
 use super::RunningScene;
-use crate::admission;
 use crate::clients::Clients;
 use crate::feed::{FedAnswer, FedRequest, FedScene};
+use crate::load;
 use crate::scene::Scene;
 
 /// How a scene takes a command of a member.
@@ -108,7 +108,7 @@ impl RunningScene {
                 let session = clients.member(peer).and_then(|member| member.session);
                 let request = FedRequest::new(client, peer, (number, command.clone()));
                 let request = request.of_session(session);
-                let retry_seconds = admission::RETRY_SECONDS;
+                let retry_seconds = load::RETRY_SECONDS;
                 match fed.request(request) {
                     true => Ok(true),
                     false => Err(CommandError::Overloaded { retry_seconds }),

@@ -13,7 +13,7 @@ use rhumb_protocol::{Instant, Peer, Span};
 
 use super::{DisconnectReason, RunningScene, SceneLoop};
 use crate::baking::{self, Bake};
-use crate::cells::Cells;
+use crate::bodies_by_cell::Cells;
 use crate::clients::{self, Clients, Turn};
 use crate::hook::{Incident, Timestamps};
 use crate::member::{Extent, Subscribed};

@@ -1,4 +1,4 @@
-//! Admission of scenes by number and cost, and of commands by their time.
+//! The load of a server: scenes by number and cost, commands by their time.
 //!
 //! Only free-running scenes cost something. The prediction is ticks in a second, times substeps, times bodies; a tick
 //! by itself costs [`STEPS_OF_TICK`], and each character and wheel in it. A scene reserves its part before it begins
