@@ -139,8 +139,8 @@ namespace Rhumb
         }
 
         /// <summary>
-        /// Way in which a refusal of the server is told: the next Advance, Wait or Poll throws it, as in plain options, or only
-        /// an event has it.
+        /// Way in which the server's refusals arrive: the next Advance, Wait or Poll throws them, as in plain options, or they
+        /// are only events.
         /// </summary>
         public RhumbRefusals Refusals
         {
