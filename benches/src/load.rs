@@ -11,14 +11,12 @@
 
 mod abuses;
 mod attacker;
-mod commander;
 mod edges;
 mod filling;
 mod frames;
 mod member;
 mod neighbour;
 mod rig;
-mod routers;
 mod service;
 mod watchers;
 
@@ -41,10 +39,10 @@ use crate::output::{self, Failure, Provenance, ended, write};
 use member::{Contents, Member, MemberEnd, Place};
 use rig::{ServerArguments, ServerMetrics};
 
-pub use commander::Commanded;
 pub use edges::{EdgesLoad, Fault, Faults};
 pub use filling::Filling;
 pub use frames::Frames;
+pub use member::Commanded;
 pub use neighbour::Neighbour;
 pub use rig::LoadRow;
 pub use service::ServiceCosts;

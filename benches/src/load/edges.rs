@@ -22,10 +22,8 @@ use rhumb_sims::NAMES;
 use rhumb_transport::DevelopmentPem;
 use serde::{Deserialize, Serialize};
 
-use super::commander::{Commanded, Commander};
-use super::member::{Contents, Crowd, Member, Place};
-use super::rig::{ServerArguments, ServerMetrics};
-use super::routers::Routers;
+use super::member::{Commanded, Commander, Contents, Crowd, Member, Place};
+use super::rig::{Routers, ServerArguments, ServerMetrics};
 use super::watchers::{Judge, Judged, Watch, Watchers};
 use crate::drive::{BesideListener, ServerProcess, Signal};
 use crate::machine::{load_average, worked_us};

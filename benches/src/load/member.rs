@@ -1,4 +1,4 @@
-//! Members of a load: an owner, observers, and followers without a copy.
+//! Members of a load: owner, observers, followers without a copy, a commander.
 //!
 //! Each is a member until the load ends. Measures nothing but its own traffic.
 //!
@@ -17,12 +17,14 @@ use std::time::{Duration, Instant};
 
 use bytes::Bytes;
 use glam::{Quat, Vec3};
-use rhumb_client::{Client, JoinMode, JoinOptions, StreamChoice, Trust};
+use rhumb_client::scene::{BodyDesc, Shape, Sleep};
+use rhumb_client::{Client, Event, JoinMode, JoinOptions, Replica, StreamChoice, Trust};
 use rhumb_protocol::message::{ClientMessage, Extensions, Frames, ServerMessage, VERSIONS};
 use rhumb_protocol::packet::{Datagram, LossReport, Low16, PacketKind, StreamId};
 use rhumb_protocol::scene::{BodyKind, Command, SceneConfig, SceneName, Stepping};
 use rhumb_reckoning::{BodyId, BodyState, Tick, Tolerance};
 use rhumb_transport::{ClientOptions, ClientTransport, Fingerprint, QuicClient, Received};
+use serde::{Deserialize, Serialize};
 
 use super::rig::{LIMIT, script, take_ids};
 use crate::output::Failure;
@@ -525,4 +527,163 @@ fn send(connection: &QuicClient, message: &ClientMessage) {
     let mut bytes = Vec::new();
     message.encode(&mut bytes);
     connection.send_control(Bytes::from(bytes));
+}
+
+/// Time between two commands of a commander.
+const COMMAND_EVERY: Duration = Duration::from_millis(50);
+/// Time between two looks of it at its connection.
+const COMMAND_LOOK: Duration = Duration::from_millis(5);
+/// Metres a second by one command: a power of two, so that speeds are exact. The ball has one kilogramme.
+const FASTER: f32 = 1.0 / 64.0;
+/// Metres above the scene.
+const HEIGHT: f32 = 1_000.0;
+
+/// Commands of a member in the whole run.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Commanded {
+    /// Commands that it gave.
+    pub given: u64,
+    /// Those that were applied, a command that was applied twice counted twice; `None` if the body is gone.
+    pub applied: Option<u64>,
+    /// Those that were refused.
+    pub refused: u64,
+}
+
+/// A member that commands until the end, and what of it was applied.
+///
+/// Its ball floats above all others, without gravity or damping. Each command is the same impulse, so that the ball's speed
+/// is the number of commands that were applied: one that is lost or applied twice shows. The caller ends edges and routers
+/// meanwhile.
+pub(super) struct Commander {
+    body: BodyId,
+    notes: Arc<AnswerNotes>,
+    thread: JoinHandle<Result<Commanded, Failure>>,
+}
+
+#[derive(Default)]
+struct AnswerNotes {
+    stop: AtomicBool,
+    /// When the newest command was given that has an answer.
+    answered: Mutex<Option<Instant>>,
+    /// The longest time to an answer since it was asked for, nanoseconds.
+    slowest_ns: AtomicU64,
+}
+
+impl AnswerNotes {
+    fn answered(&self) -> MutexGuard<'_, Option<Instant>> {
+        self.answered.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+}
+
+impl Commander {
+    /// Joins a scene, adds its ball, and begins.
+    pub(super) fn enter(place: &Place) -> Result<Self, Failure> {
+        let mut client = place.join(JoinMode::Join)?;
+        let ball = BodyDesc::dynamic(Shape::ball(0.5)).mass(1.0);
+        let ball = ball.gravity_scale(0.0).sleep(Sleep::Never);
+        let body = client.add_body(ball.at(0.0, HEIGHT, 0.0))?;
+        let notes = Arc::new(AnswerNotes::default());
+        let noted = Arc::clone(&notes);
+        let thread = thread::spawn(move || keep_commanding(client, body, &noted));
+        Ok(Self {
+            body,
+            notes,
+            thread,
+        })
+    }
+
+    /// True if a command that was given after a moment has an answer.
+    pub(super) fn is_answered_since(&self, moment: Instant) -> bool {
+        let answered = *self.notes.answered();
+        answered.is_some_and(|answered| answered > moment)
+    }
+
+    /// The longest time from a command to its answer since the last call.
+    pub(super) fn take_slowest(&self) -> Duration {
+        Duration::from_nanos(self.notes.slowest_ns.swap(0, Ordering::Relaxed))
+    }
+
+    /// Ends it once all of its commands have answers, and looks at its ball at the server.
+    pub(super) fn end(self, server: &Place) -> Result<Commanded, Failure> {
+        self.notes.stop.store(true, Ordering::Relaxed);
+        let ended = self.thread.join();
+        let commanded = ended.map_err(|_| "the thread of a commander panicked")??;
+        let mut exact = server.join_stream(JoinMode::Join, StreamChoice::Full)?;
+        // The answers have come, so that the first snapshot has all of them.
+        exact.idle(LIMIT / 20)?;
+        let complete = exact.statistics().complete;
+        let stream = exact.replica().map(Replica::stream);
+        let motion = stream.and_then(|stream| stream.predicted_motion(self.body, complete));
+        let speed = motion.map(|motion| motion.twist().linear.x);
+        Ok(Commanded {
+            applied: speed.map(|speed| (speed / f64::from(FASTER)).round() as u64),
+            ..commanded
+        })
+    }
+}
+
+/// Commands until the notes say stop, and until all commands have answers.
+fn keep_commanding(
+    mut client: Client,
+    body: BodyId,
+    notes: &AnswerNotes,
+) -> Result<Commanded, Failure> {
+    let mut commanded = Commanded::default();
+    let mut waiting: Vec<(u64, Instant)> = Vec::new();
+    let mut due = Instant::now();
+    loop {
+        let stops = notes.stop.load(Ordering::Relaxed);
+        if stops && waiting.is_empty() {
+            return Ok(commanded);
+        }
+        let now = Instant::now();
+        if stops && now > due + LIMIT {
+            return Err("a command has no answer".into());
+        }
+        if !stops && now >= due {
+            let impulse = Vec3::X * FASTER;
+            let number = client.command(Command::Impulse { id: body, impulse })?;
+            commanded.given += 1;
+            waiting.push((number, now));
+            due = now + COMMAND_EVERY;
+        }
+        client.idle(COMMAND_LOOK)?;
+        while let Some((_, event)) = client.poll_event() {
+            match event {
+                Event::Applied { through, .. } => note_answers(&mut waiting, through, notes),
+                Event::Refused { .. } => commanded.refused += 1,
+                _ => {}
+            }
+        }
+    }
+}
+
+fn note_answers(waiting: &mut Vec<(u64, Instant)>, through: u64, notes: &AnswerNotes) {
+    waiting.retain(|(number, given)| {
+        if *number > through {
+            return true;
+        }
+        let took = u64::try_from(given.elapsed().as_nanos()).unwrap_or(u64::MAX);
+        notes.slowest_ns.fetch_max(took, Ordering::Relaxed);
+        let mut answered = notes.answered();
+        *answered = (*answered).max(Some(*given));
+        false
+    });
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn an_answer_is_that_of_all_commands_up_to_its_number() {
+        let (notes, given) = (AnswerNotes::default(), Instant::now());
+        let later = given + Duration::from_secs(1);
+        let mut waiting = vec![(1, given), (2, later), (3, later)];
+        note_answers(&mut waiting, 2, &notes);
+        assert_eq!(waiting, [(3, later)]);
+        assert_eq!(*notes.answered(), Some(later));
+        note_answers(&mut waiting, 1, &notes);
+        assert_eq!(waiting.len(), 1);
+    }
 }
