@@ -9,7 +9,9 @@ use std::collections::{BTreeMap, BTreeSet};
 use std::sync::Arc;
 
 use bytes::Bytes;
-use rhumb_protocol::message::{ClientMessage, Grease, SceneEvent, ServerMessage, SessionRequest};
+use rhumb_protocol::message::{
+    AuthorityError, ClientMessage, Grease, SceneEvent, ServerMessage, SessionRequest,
+};
 use rhumb_protocol::scene::Cell;
 use rhumb_protocol::session::{CloseCode, ServerSession, UpstreamReceiver};
 use rhumb_protocol::{Instant, Peer, Transmit};
@@ -391,6 +393,8 @@ pub(crate) struct AuthorityTable {
     authorities: BTreeMap<BodyId, Peer>,
     /// Bodies of silent members whose authority has ended since the last step.
     released: BTreeSet<BodyId>,
+    /// Bodies that have left the scene under the authority of members by cells, who are to learn it.
+    removed: Vec<(Peer, BodyId)>,
 }
 
 impl AuthorityTable {
@@ -418,6 +422,7 @@ impl AuthorityTable {
             return;
         };
         self.authorities.retain(|_, authority| *authority != peer);
+        self.removed.retain(|(of, _)| *of != peer);
         if group.is_silent() {
             self.released.extend(group.bodies());
         }
@@ -429,12 +434,25 @@ impl AuthorityTable {
         let Some(peer) = self.authorities.remove(&id) else {
             return;
         };
-        let member = clients.member_mut(peer);
-        if let Some(group) = member.and_then(|member| member.authority.as_mut()) {
+        let Some(member) = clients.member_mut(peer) else {
+            return;
+        };
+        let is_by_cells = member.extent() == Extent::Cells;
+        if let Some(group) = &mut member.authority {
             group.remove(id);
             if group.bodies().next().is_none() {
                 self.end(peer, clients);
             }
+        }
+        self.removed.extend(is_by_cells.then_some((peer, id)));
+    }
+
+    /// Tells members by cells which bodies under their authority have left the scene, whatever cells they take: requests about
+    /// cells may be under way. Called after the scene events, of which one says the same in a cell that the member takes.
+    pub(crate) fn tell_removed(&mut self, clients: &mut Clients) {
+        for (peer, id) in self.removed.drain(..) {
+            let removed = AuthorityError::UnknownBody(id);
+            clients.send(peer, &ServerMessage::AuthorityDenied(removed));
         }
     }
 

@@ -329,7 +329,8 @@ impl ClientSession {
     }
 
     /// Takes authority over these kinematic bodies in place of the earlier ones; an empty list ends it. Answered by
-    /// `AuthorityGrant` or `AuthorityDenied`. Between two connections of a session it waits for the second.
+    /// `AuthorityGrant` or `AuthorityDenied`; for a body that no copy has, a grant waits for its cell. Between two connections of a
+    /// session it waits for the second.
     ///
     /// # Errors
     ///
@@ -348,7 +349,7 @@ impl ClientSession {
     /// tolerance. A body without a state stands still at its last place.
     ///
     /// Returns whether the states were published: `false` before the authority is granted, also over the next
-    /// connection of a session, and for a tick not after the last one.
+    /// connection of a session, while all of the bodies wait for their cells, and for a tick not after the last one.
     ///
     /// # Errors
     ///
@@ -426,7 +427,7 @@ impl ClientSession {
         self.clock.round_trip()
     }
 
-    /// The bodies under the member's authority, in rising order.
+    /// The bodies under the member's authority that are published, in rising order.
     pub fn authority_bodies(&self) -> impl Iterator<Item = BodyId> {
         self.membership.upstream.bodies()
     }

@@ -13,7 +13,9 @@ use core::num::NonZeroU32;
 
 use bytes::Bytes;
 use glam::Vec3;
-use rhumb_reckoning::{BodyId, BodyState, Integrator, Motion, Rate, Tick, Ticks, Tolerance, Track};
+use rhumb_reckoning::{
+    BodyId, BodyState, Integrator, Metres, Motion, Rate, Tick, Ticks, Tolerance, Track,
+};
 
 use crate::endpoint::{Instant, Span};
 use crate::limits::{AUTHORITY_BODIES_MAX, TICK_JUMP_MAX, UPSTREAM_GRACE_MS};
@@ -257,6 +259,8 @@ impl BodyTracks {
 struct UpstreamBody {
     /// None after the body left the scene.
     id: Option<BodyId>,
+    /// Its track, until it is known how the body is predicted. It has no updates before that.
+    waiting: Option<Track>,
     /// The state that was published last.
     latest: BodyState,
     /// The tick since which the body stands still.
@@ -285,6 +289,8 @@ pub(crate) struct UpstreamSender {
     /// In rising order of id. The position is the body's index in the stream.
     bodies: Vec<UpstreamBody>,
     observations: Vec<Observation>,
+    /// The tick of the grant.
+    granted: Tick,
     /// A body that stands still for this long counts as asleep.
     second: Ticks,
 }
@@ -301,13 +307,11 @@ const FEATURES: Features = Features {
 const SCENE_EVENTS: u64 = 0;
 
 impl UpstreamSender {
-    /// Starts the stream that the server granted for this request. `parameters` returns None for a body that is not in
-    /// the scene.
+    /// Starts the stream that the server granted for this request. Its bodies wait for [`Self::learn`].
     pub(crate) fn new(
         grant: &AuthorityGrant,
         request: &TakeAuthority,
         integrator: Integrator,
-        parameters: impl Fn(BodyId) -> Option<PredictionParameters>,
     ) -> Self {
         let config = StreamConfig {
             tolerance: request.tolerance,
@@ -323,10 +327,12 @@ impl UpstreamSender {
         for (id, motion) in &grant.bodies {
             let index = BodyId::new(bodies.len() as u32, 0);
             let track = grant.first_track(*motion);
-            let placed = parameters(*id)
-                .is_some_and(|parameters| sender.place(index, &parameters, track, *motion));
+            // A checksum covers all tracks, and no parameters.
+            let unknown = PredictionParameters::plain(Metres::new(1.0));
+            let placed = sender.place(index, &unknown, track, *motion);
             bodies.push(UpstreamBody {
                 id: placed.then_some(*id),
+                waiting: Some(track),
                 latest: *motion,
                 still_since: grant.tick,
             });
@@ -336,13 +342,53 @@ impl UpstreamSender {
             observation_history: ObservationHistory::new(scene::PublishSchedule::EACH_TICK),
             bodies,
             observations: Vec::new(),
+            granted: grant.tick,
             second: second(integrator.rate),
         }
     }
 
-    /// The bodies still in the scene, in rising order.
+    /// Begins to publish those of the waiting bodies of which it is known now how they are predicted; returns these.
+    pub(crate) fn learn(
+        &mut self,
+        parameters: impl Fn(BodyId) -> Option<PredictionParameters>,
+    ) -> Vec<(BodyId, PredictionParameters)> {
+        let mut learnt = Vec::new();
+        for (place, body) in self.bodies.iter_mut().enumerate() {
+            if let (Some(id), Some(track)) = (body.id, body.waiting)
+                && let Some(parameters) = parameters(id)
+            {
+                let index = BodyId::new(place as u32, 0);
+                if self.sender.place(index, &parameters, track, body.latest) {
+                    body.waiting = None;
+                    learnt.push((id, parameters));
+                }
+            }
+        }
+        learnt
+    }
+
+    /// True while a body waits until it is known how it is predicted.
+    pub(crate) fn waits(&self) -> bool {
+        let mut present = self.bodies.iter().filter(|body| body.id.is_some());
+        present.any(|body| body.waiting.is_some())
+    }
+
+    /// The bodies still in the scene that are published, in rising order.
     pub(crate) fn bodies(&self) -> impl Iterator<Item = BodyId> {
-        self.bodies.iter().filter_map(|body| body.id)
+        let known = self.bodies.iter().filter(|body| body.waiting.is_none());
+        known.filter_map(|body| body.id)
+    }
+
+    /// True for a stream that has lasted less than ten seconds: a body that the server predicts otherwise shows within some
+    /// after it moves.
+    pub(crate) fn is_new(&self) -> bool {
+        let lasted = self.sender.tick().since(self.granted);
+        lasted.is_none_or(|ticks| ticks.count() < 10 * self.second.count())
+    }
+
+    /// True for a body still in the scene, published or not.
+    pub(crate) fn has(&self, id: BodyId) -> bool {
+        self.bodies.iter().any(|body| body.id == Some(id))
     }
 
     /// Counters of everything published so far.
@@ -375,7 +421,9 @@ impl UpstreamSender {
         by_id.extend(motions.iter().copied());
         self.observations.clear();
         for (place, body) in self.bodies.iter_mut().enumerate() {
-            let Some(id) = body.id else { continue };
+            let Some(id) = body.id.filter(|_| body.waiting.is_none()) else {
+                continue;
+            };
             let motion = by_id.get(&id).copied();
             let motion = motion.unwrap_or_else(|| body.latest.stilled());
             if motion != body.latest || motion != motion.stilled() {
@@ -518,7 +566,8 @@ mod tests {
             tick: Tick::new(100),
             bodies: alloc::vec![(id, at(0.0, 0.0))],
         };
-        let sender = UpstreamSender::new(&grant, &request, INTEGRATOR, parameters);
+        let mut sender = UpstreamSender::new(&grant, &request, INTEGRATOR);
+        assert_eq!(sender.learn(parameters).len(), 1);
         let upstream_receiver = UpstreamReceiver::new(&grant, &request, INTEGRATOR, parameters);
         (sender, upstream_receiver)
     }

@@ -366,6 +366,7 @@ impl RunningScene {
             .member_mut(peer)
             .and_then(|member| member.authority.as_mut());
         if group.is_some_and(|group| !group.handle_datagram(datagram, tick)) {
+            self.send_scene_events(clients);
             self.authority_table.end(peer, clients);
             tracing::debug!(peer = peer.0, "lost sync with an upstream");
             clients.send(

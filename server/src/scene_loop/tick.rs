@@ -151,9 +151,18 @@ impl RunningScene {
     pub(super) fn send_scene_events(&mut self, clients: &mut Clients) {
         let of_cells = self.used_cells().map(Cells::take_unsent);
         let of_cells = of_cells.unwrap_or_default();
-        if self.unsent.is_empty() && of_cells.is_empty() {
-            return;
+        if !self.unsent.is_empty() || !of_cells.is_empty() {
+            self.send_events_of_cells(&of_cells, clients);
         }
+        self.authority_table.tell_removed(clients);
+    }
+
+    /// Sends the new scene events, and to members by cells those of their cells.
+    fn send_events_of_cells(
+        &mut self,
+        of_cells: &[(Option<Cell>, Vec<u8>)],
+        clients: &mut Clients,
+    ) {
         let messages = Bytes::from(std::mem::take(&mut self.unsent));
         let (members, out) = clients.members_mut();
         for (member, control) in members {

@@ -25,22 +25,22 @@ use rhumb_scene::engine::Engines;
 use rhumb_tests::{FailingEngine, Fails, RawPeer, TICK, Table, failing_body};
 use rhumb_view::{LiveView, RenderTime, ViewOptions};
 
-const NORMAL: StreamChoice = StreamChoice::Within(Tolerance::NORMAL);
-const BALL: ShapeId = ShapeId(0);
+pub(super) const NORMAL: StreamChoice = StreamChoice::Within(Tolerance::NORMAL);
+pub(super) const BALL: ShapeId = ShapeId(0);
 /// Two cells side by side, and one that is never taken.
-const HERE: Cell = Cell([0, 0, 0]);
-const BESIDE: Cell = Cell([1, 0, 0]);
-const AWAY: f32 = 95.0;
+pub(super) const HERE: Cell = Cell([0, 0, 0]);
+pub(super) const BESIDE: Cell = Cell([1, 0, 0]);
+pub(super) const AWAY: f32 = 95.0;
 
 /// A scene of cells of ten metres, its owner, and a member that takes two cells.
-struct Divided {
-    table: Table,
-    owner: Peer,
-    member: Peer,
+pub(super) struct Divided {
+    pub(super) table: Table,
+    pub(super) owner: Peer,
+    pub(super) member: Peer,
 }
 
 impl Divided {
-    fn new(stepping: Stepping, engines: Engines) -> Self {
+    pub(super) fn new(stepping: Stepping, engines: Engines) -> Self {
         let config = SceneConfig {
             stepping,
             gravity: Vec3::ZERO,
@@ -67,7 +67,7 @@ impl Divided {
     }
 
     /// The member joins, and takes both cells.
-    fn enter(&mut self, key: Option<SessionKey>) {
+    pub(super) fn enter(&mut self, key: Option<SessionKey>) {
         let session = self.table.session(self.member);
         if let Some(key) = key {
             session.begin_session(key).expect("in the lobby");
@@ -82,7 +82,7 @@ impl Divided {
         self.step();
     }
 
-    fn command(&mut self, command: Command) {
+    pub(super) fn command(&mut self, command: Command) {
         let session = self.table.session(self.owner);
         session.command(command).expect("a member");
         self.table.run_until_idle();
@@ -103,7 +103,7 @@ impl Divided {
     }
 
     /// Lets a tick pass.
-    fn step(&mut self) {
+    pub(super) fn step(&mut self) {
         let copy = self.table.session(self.owner).replica();
         let next = copy.expect("a member").stream().complete().next();
         let now = self.table.now();
@@ -116,7 +116,7 @@ impl Divided {
     }
 
     /// The bodies of each cell that the member takes, by index in the scene.
-    fn bodies(&mut self) -> BTreeMap<Cell, Vec<u32>> {
+    pub(super) fn bodies(&mut self) -> BTreeMap<Cell, Vec<u32>> {
         let cells = self.table.session(self.member).cells();
         let named = cells.map(|(cell, copy)| {
             let names = copy.bodies().map(|desc| copy.id_in_scene(desc.id));
@@ -142,7 +142,7 @@ impl Divided {
     }
 
     /// Where the member has a body of its cells.
-    fn shown_by_member(&mut self, index: u32) -> f32 {
+    pub(super) fn shown_by_member(&mut self, index: u32) -> f32 {
         let mut cells = self.table.session(self.member).cells();
         let place = cells.find_map(|(_, copy)| {
             let stream = copy.stream();
@@ -175,16 +175,16 @@ impl Divided {
     }
 }
 
-fn body(index: u32) -> BodyId {
+pub(super) fn body(index: u32) -> BodyId {
     BodyId::new(index, 0)
 }
 
-fn still(x: f32) -> BodyState {
+pub(super) fn still(x: f32) -> BodyState {
     let state = BodyState::new([x, 1.0, 5.0], [0.0, 0.0, 0.0, 1.0], [0.0; 3], [0.0; 3]);
     state.expect("finite")
 }
 
-fn cells<const N: usize, const M: usize>(
+pub(super) fn cells<const N: usize, const M: usize>(
     here: [u32; N],
     beside: [u32; M],
 ) -> BTreeMap<Cell, Vec<u32>> {
@@ -299,113 +299,6 @@ fn a_resumed_session_takes_its_cells_again() {
     divided.step();
     divided.step();
     assert_eq!(divided.bodies(), cells([0, 1], [2]));
-}
-
-impl Divided {
-    /// A free-running scene with a member that has authority over one body of its cells and one that has left them.
-    fn with_authority() -> Self {
-        let mut divided = Self::new(Stepping::FreeRunning, Engines::default());
-        divided.enter(Some(SessionKey([7; 16])));
-        for index in OWN {
-            divided.add_own(index, 5.0);
-        }
-        let member = divided.table.session(divided.member);
-        let taken = member.take_authority(Tolerance::NORMAL, &OWN.map(body));
-        taken.expect("a member");
-        divided.step();
-        divided.publish([6.0, AWAY]);
-        assert_eq!(divided.bodies(), cells([0, 1, OWN[0]], [2]));
-        divided
-    }
-
-    /// The member adds a body of its own.
-    fn add_own(&mut self, index: u32, x: f32) {
-        let desc = BodyDesc::plain(body(index), BodyKind::Kinematic, BALL);
-        let motion = still(x);
-        let member = self.table.session(self.member);
-        member
-            .command(Command::AddBody { desc, motion })
-            .expect("a member");
-        self.step();
-    }
-
-    /// Publishes the member's bodies at these places, and lets the ticks pass in which others learn of it.
-    fn publish(&mut self, places: [f32; 2]) {
-        let copy = self.table.session(self.owner).replica();
-        let newest = copy.expect("a member").stream().complete();
-        let states = [0, 1].map(|at| (body(OWN[at]), still(places[at])));
-        let member = self.table.session(self.member);
-        let published = member.publish(newest.next().next(), &states);
-        assert_eq!(published, Ok(true), "at {newest}");
-        for _ in 0..4 {
-            self.step();
-        }
-    }
-
-    /// Where a member of the whole scene has the bodies.
-    fn places(&mut self) -> [f32; 2] {
-        let copy = self.table.session(self.owner).replica();
-        let stream = copy.expect("a member").stream();
-        OWN.map(|index| {
-            let motion = stream.predicted_motion(body(index), stream.complete());
-            motion.expect("it has the body").pose().position.x as f32
-        })
-    }
-
-    fn reconnect(&mut self) {
-        self.member = self.table.reconnect(self.member);
-    }
-}
-
-/// The bodies under the member's authority: the first ones of its range.
-const OWN: [u32; 2] = [4_096, 4_097];
-
-#[test]
-fn a_resumed_session_moves_its_bodies_of_cells_again() {
-    for is_paced in [false, true] {
-        let mut divided = Divided::with_authority();
-        divided.table.end_connection(divided.member);
-        divided.step();
-        divided.reconnect();
-        if is_paced {
-            // The next snapshots wait: the link says what it takes.
-            divided.table.pace(divided.member);
-        }
-        for _ in 0..60 {
-            divided.step();
-        }
-        let member = divided.table.session(divided.member);
-        let own: Vec<_> = member.authority_bodies().collect();
-        assert_eq!(own, OWN.map(body));
-        divided.publish([7.0, AWAY + 1.0]);
-        let moved = divided.places();
-        let errors = [moved[0] - 7.0, moved[1] - AWAY - 1.0];
-        assert!(errors.iter().all(|error| error.abs() < 0.02), "{moved:?}");
-        let shown = divided.shown_by_member(OWN[0]);
-        assert!((shown - 7.0).abs() < 0.03, "{shown}");
-    }
-}
-
-#[test]
-fn a_grant_waits_for_the_cells_that_were_asked_for_before() {
-    let mut divided = Divided::new(Stepping::FreeRunning, Engines::default());
-    divided.enter(None);
-    divided.add_own(OWN[0], 15.0);
-    divided.table.pace(divided.member);
-    let wanted = BTreeMap::from([(BESIDE, NORMAL)]);
-    let member = divided.table.session(divided.member);
-    let none = BTreeMap::new();
-    member.take_cells(&none).expect("a member by cells");
-    member.take_cells(&wanted).expect("a member by cells");
-    let taken = member.take_authority(Tolerance::NORMAL, &[body(OWN[0])]);
-    taken.expect("a member");
-    for _ in 0..120 {
-        divided.step();
-    }
-    let member = divided.table.session(divided.member);
-    let events: Vec<_> = std::iter::from_fn(|| member.poll_event()).collect();
-    let granted = Event::AuthorityGrant(vec![body(OWN[0])]);
-    assert!(events.contains(&granted), "{events:?}");
 }
 
 #[test]

@@ -287,7 +287,7 @@ impl CellStage {
         let cells = grid().within(Vec3::new(x as f32, 0.0, 5.0), bands);
         let client = self.network.client_mut(WALKER);
         client
-            .take_cells(&cells.expect("few cells"))
+            .take_cells(&cells.expect("a place").expect("few cells"))
             .expect("a member by cells");
     }
 

@@ -8,6 +8,7 @@ mod authority;
 mod bits;
 mod body_events;
 mod budgets;
+mod cell_authority;
 mod cell_members;
 mod cells;
 mod changes_in_flight;

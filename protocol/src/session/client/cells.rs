@@ -26,9 +26,9 @@ use crate::stream::Subscriber;
 /// State of a cell that a member takes.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum CellState {
-    /// Its bodies are not there yet.
+    /// Its snapshot has not come over this connection. A session that resumes shows it until then as it was.
     Awaited,
-    /// Its bodies are shown.
+    /// Its bodies are shown. After another choice they are those of the stream before, until the new one has caught up.
     Shown,
     /// The server denies it, or the stream that was asked for last. What it had before is shown.
     Denied(Denial),
@@ -345,11 +345,6 @@ impl CellSubscriptions {
     pub(super) fn complete_copies(&self) -> impl Iterator<Item = &Replica> {
         let taken = self.taken.values();
         taken.filter_map(|taken| taken.subscription.shown())
-    }
-
-    /// True unless a snapshot of a cell is to come.
-    pub(super) fn are_there(&self) -> bool {
-        !self.is_open || !self.taken.values().any(WantedCell::is_awaited)
     }
 
     /// True for a cell whose snapshot is to come.

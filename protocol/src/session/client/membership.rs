@@ -17,7 +17,9 @@ use super::subscription::{EventTarget, Subscription};
 use super::upstream::ClientUpstream;
 use crate::endpoint::{Instant, Span, Wake};
 use crate::limits::{EVENTS_HELD_MAX, STANDING_PAIRS_MAX};
-use crate::message::{AuthorityGrant, CellNews, Joined, SceneEvent, ServerMessage, TickEvents};
+use crate::message::{
+    AuthorityError, CellNews, Joined, RemovalCause, SceneEvent, ServerMessage, TickEvents,
+};
 use crate::packet::{Datagram, LargestPacket};
 use crate::scene::{BodyEvent, Cell, SceneConfig};
 use crate::session::replica::Replica;
@@ -29,8 +31,8 @@ pub(super) struct ClientMembership {
     pub(super) subscription: Subscription,
     pub(super) cells: CellSubscriptions,
     pub(super) upstream: ClientUpstream,
-    /// A grant for bodies that are in cells whose snapshots have not come.
-    held_grant: Option<AuthorityGrant>,
+    /// Bodies under authority whose removal a member by cells knows by scene events; a denial is to say it once more.
+    removed: Vec<BodyId>,
     held_events: HeldEvents,
     queries: u64,
     /// Messages of queries over the earlier connections of the session.
@@ -48,7 +50,7 @@ impl ClientMembership {
             subscription: Subscription::new(),
             cells: CellSubscriptions::default(),
             upstream,
-            held_grant: None,
+            removed: Vec::new(),
             held_events: HeldEvents::default(),
             queries: 0,
             queries_before: 0,
@@ -112,7 +114,7 @@ impl ClientMembership {
         self.cells.await_also(to);
     }
 
-    /// Shows copies that have caught up, begins an upstream that waited for them, and restarts the timers.
+    /// Shows copies that have caught up, publishes bodies that waited for them, and restarts the timers.
     pub(super) fn update(
         &mut self,
         now: Instant,
@@ -120,12 +122,14 @@ impl ClientMembership {
         outbox: &mut ClientOutbox,
         events: &mut VecDeque<Event>,
     ) {
-        if self.cells.are_there() {
-            self.begin_upstream(config, outbox, events);
-        }
         self.subscription.update(now, outbox, events);
         self.cells
             .update(now, self.subscription.shown(), outbox, events);
+        if let Some(config) = config.filter(|_| self.upstream.waits()) {
+            let copies: Vec<_> = copies(&self.subscription, &self.cells).collect();
+            let bodies = self.upstream.learn(config, &copies);
+            events.extend(bodies.map(Event::AuthorityGrant));
+        }
     }
 
     /// Sends the reports that are due.
@@ -181,7 +185,7 @@ impl ClientMembership {
             match *news {
                 CellNews::Placed { .. } => events.push_back(Event::BodyPlaced(id)),
                 CellNews::SceneEvent(SceneEvent::BodyRemoved { cause, .. }) => {
-                    self.upstream.remove(id);
+                    self.remove_body(id);
                     events.push_back(Event::BodyRemoved { id, cause });
                 }
                 CellNews::SceneEvent(SceneEvent::PublisherSilent { since, .. }) => {
@@ -212,14 +216,19 @@ impl ClientMembership {
                 events.push_back(Event::Inspected(inspection));
             }
             ServerMessage::AuthorityGrant(grant) => {
-                self.held_grant = Some(grant);
-                if self.has_granted_bodies() {
-                    self.begin_upstream(config, outbox, events);
+                self.removed.clear();
+                if let Some(config) = config {
+                    let copies: Vec<_> = copies(&self.subscription, &self.cells).collect();
+                    let bodies = (self.upstream).handle_grant(&grant, config, &copies, outbox);
+                    events.extend(bodies.map(Event::AuthorityGrant));
                 }
             }
+            ServerMessage::AuthorityDenied(AuthorityError::UnknownBody(id))
+                if self.cells.grid().is_some() && self.is_removal(id) =>
+            {
+                self.handle_removal(id, events);
+            }
             ServerMessage::AuthorityDenied(error) => {
-                // Earlier grants come first.
-                self.begin_upstream(config, outbox, events);
                 let reason = self.upstream.handle_denied(error, outbox);
                 events.extend(reason.map(Event::AuthorityDenied));
             }
@@ -254,39 +263,33 @@ impl ClientMembership {
         Ok(())
     }
 
-    /// The copies of the scene and of its cells.
-    fn copies(&self) -> impl Iterator<Item = &Replica> {
-        let of_scene = self.subscription.shown().into_iter();
-        of_scene.chain(self.cells.complete_copies())
-    }
-
     /// The copy with the newest track of a body, and the body's id there.
     pub(super) fn copy_of(&self, body: BodyId) -> Option<(&Replica, BodyId)> {
-        let found = (self.copies()).filter_map(|copy| Some((copy, copy.id_here(body)?)));
+        let copies = copies(&self.subscription, &self.cells);
+        let found = copies.filter_map(|copy| Some((copy, copy.id_here(body)?)));
         found.max_by_key(|(copy, local)| copy.stream().track(*local).map(|track| track.origin))
     }
 
-    /// True if the copies have all bodies of the held grant, or no cell is to come that may have the others.
-    fn has_granted_bodies(&self) -> bool {
-        let bodies = self.held_grant.iter().flat_map(|grant| &grant.bodies);
-        let is_known = |id| self.copies().any(|copy| copy.id_here(id).is_some());
-        self.cells.are_there() || bodies.map(|(id, _)| *id).all(is_known)
+    /// True if a denial that names a body is no answer: the body was under authority, and has left the scene (PROTOCOL 15-15).
+    fn is_removal(&self, id: BodyId) -> bool {
+        self.removed.contains(&id) || self.upstream.has(id)
     }
 
-    /// Begins the upstream of the held grant, if there is one.
-    fn begin_upstream(
-        &mut self,
-        config: Option<&SceneConfig>,
-        outbox: &mut ClientOutbox,
-        events: &mut VecDeque<Event>,
-    ) {
-        let Some((grant, config)) = self.held_grant.take().zip(config) else {
-            return;
-        };
-        let of_scene = self.subscription.shown().into_iter();
-        let copies: Vec<_> = of_scene.chain(self.cells.complete_copies()).collect();
-        let bodies = self.upstream.handle_grant(&grant, config, &copies, outbox);
-        events.extend(bodies.map(Event::AuthorityGrant));
+    /// Handles such a denial, unless scene events have said the same.
+    fn handle_removal(&mut self, id: BodyId, events: &mut VecDeque<Event>) {
+        if self.upstream.has(id) {
+            self.upstream.remove(id);
+            let cause = RemovalCause::Command;
+            events.push_back(Event::BodyRemoved { id, cause });
+        }
+        self.removed.retain(|removed| *removed != id);
+    }
+
+    /// Forgets a body that has left the scene by its scene events.
+    fn remove_body(&mut self, id: BodyId) {
+        let comes_again = self.cells.grid().is_some() && self.upstream.has(id);
+        self.removed.extend(comes_again.then_some(id));
+        self.upstream.remove(id);
     }
 
     fn handle_scene_event(
@@ -312,7 +315,7 @@ impl ClientMembership {
             }
             SceneEvent::BodyPlaced { desc, .. } => events.push_back(Event::BodyPlaced(desc.id)),
             SceneEvent::BodyRemoved { id, cause } => {
-                self.upstream.remove(id);
+                self.remove_body(id);
                 events.push_back(Event::BodyRemoved { id, cause });
             }
             SceneEvent::SceneFaulted { tick, cause } => {
@@ -331,6 +334,15 @@ impl ClientMembership {
         }
         Ok(())
     }
+}
+
+/// The copies of the scene and of its cells.
+fn copies<'a>(
+    subscription: &'a Subscription,
+    cells: &'a CellSubscriptions,
+) -> impl Iterator<Item = &'a Replica> {
+    let of_scene = subscription.shown().into_iter();
+    of_scene.chain(cells.complete_copies())
 }
 
 /// One of the waiting pieces of news.

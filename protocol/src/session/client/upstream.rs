@@ -4,6 +4,9 @@
 //! needs them. Invariant: at most one request for authority is unanswered.
 //!
 //! The server ends the authority with the connection. The next connection of a session requests it again.
+//!
+//! A body is predicted as its description says. One that is in no cell of a member by cells waits for that, also if it was
+//! granted: then nothing of it is published.
 
 use alloc::collections::BTreeMap;
 use alloc::vec::Vec;
@@ -148,6 +151,10 @@ impl ClientUpstream {
         let Some(sender) = &mut self.sender else {
             return Ok(false);
         };
+        let is_published = |id: BodyId| sender.bodies().any(|body| body == id);
+        if !motions.is_empty() && !motions.iter().any(|(id, _)| is_published(*id)) {
+            return Ok(false);
+        }
         let mut packets = Vec::new();
         match sender.publish(tick, motions, &mut packets) {
             PublishOutcome::Yes => {}
@@ -161,7 +168,8 @@ impl ClientUpstream {
         Ok(true)
     }
 
-    /// Starts the upstream that the server granted; returns its bodies. `None` if nothing was requested.
+    /// Starts the upstream that the server granted; returns the bodies that are published. `None` if nothing was requested, or
+    /// if all bodies wait.
     pub(super) fn handle_grant(
         &mut self,
         grant: &AuthorityGrant,
@@ -175,21 +183,33 @@ impl ClientUpstream {
             self.send(other, outbox);
             return None;
         }
-        let of_copies = |id: BodyId| {
-            let mut found = copies.iter();
-            let (copy, body) = found.find_map(|copy| Some((copy, copy.body_of_scene(id)?)))?;
-            let shape = copy.shape(body.shape)?;
-            Some(PredictionParameters::of(&body, shape, config.damping, None))
-        };
-        let known = core::mem::take(&mut self.known);
-        let parameters = |id: BodyId| of_copies(id).or_else(|| known.get(&id).copied());
-        let sender = UpstreamSender::new(grant, &requested, config.integrator, parameters);
-        let bodies: Vec<BodyId> = sender.bodies().collect();
-        let granted = bodies.iter().filter_map(|id| Some((*id, parameters(*id)?)));
-        self.known = granted.collect();
-        self.sender = (!bodies.is_empty()).then_some(sender);
+        let sender = UpstreamSender::new(grant, &requested, config.integrator);
+        self.known.retain(|id, _| sender.has(*id));
+        self.sender = (!grant.bodies.is_empty()).then_some(sender);
         self.granted = Some(requested);
-        Some(bodies)
+        let bodies = self.learn(config, copies);
+        bodies.or_else(|| grant.bodies.is_empty().then(Vec::new))
+    }
+
+    /// True while a granted body waits for its description.
+    pub(super) fn waits(&self) -> bool {
+        self.sender.as_ref().is_some_and(UpstreamSender::waits)
+    }
+
+    /// Begins to publish those of the waiting bodies that a copy has now; returns all that are published then.
+    pub(super) fn learn(
+        &mut self,
+        config: &SceneConfig,
+        copies: &[&Replica],
+    ) -> Option<Vec<BodyId>> {
+        let (sender, known) = (self.sender.as_mut()?, &self.known);
+        let parameters = |id| parameters_of(id, config, copies).or_else(|| known.get(&id).copied());
+        let learnt = sender.learn(parameters);
+        if learnt.is_empty() {
+            return None;
+        }
+        self.known.extend(learnt);
+        Some(sender.bodies().collect())
     }
 
     /// Handles a denial; returns the reason for the application, if it concerns the application.
@@ -199,8 +219,10 @@ impl ClientUpstream {
         outbox: &mut ClientOutbox,
     ) -> Option<AuthorityError> {
         if error == AuthorityError::LostSync {
-            // The server may have predicted a body otherwise.
-            self.known.clear();
+            if self.sender.as_ref().is_none_or(UpstreamSender::is_new) {
+                // The server may have predicted a body otherwise.
+                self.known.clear();
+            }
             self.request_again(outbox);
             return None;
         }
@@ -247,12 +269,18 @@ impl ClientUpstream {
         for authority in authorities.into_iter().flatten() {
             authority.bodies.retain(|body| *body != id);
         }
+        self.known.remove(&id);
         if let Some(sender) = &mut self.sender {
             sender.remove(id);
         }
     }
 
-    /// The bodies under the member's authority, in rising order.
+    /// True for a body of the upstream, published or not.
+    pub(super) fn has(&self, id: BodyId) -> bool {
+        self.sender.as_ref().is_some_and(|sender| sender.has(id))
+    }
+
+    /// The bodies under the member's authority that are published, in rising order.
     pub(super) fn bodies(&self) -> impl Iterator<Item = BodyId> {
         self.sender.iter().flat_map(UpstreamSender::bodies)
     }
@@ -281,6 +309,18 @@ impl ClientUpstream {
     }
 }
 
+/// How a body of a copy is predicted; `None` if no copy has it.
+fn parameters_of(
+    id: BodyId,
+    config: &SceneConfig,
+    copies: &[&Replica],
+) -> Option<PredictionParameters> {
+    let mut found = copies.iter();
+    let (copy, body) = found.find_map(|copy| Some((copy, copy.body_of_scene(id)?)))?;
+    let shape = copy.shape(body.shape)?;
+    Some(PredictionParameters::of(&body, shape, config.damping, None))
+}
+
 /// The request without the body that a denial names; `None` if it names none, or the only one.
 fn without_named(mut request: TakeAuthority, error: AuthorityError) -> Option<TakeAuthority> {
     let named = match error {
@@ -301,6 +341,8 @@ fn without_named(mut request: TakeAuthority, error: AuthorityError) -> Option<Ta
 
 #[cfg(test)]
 mod tests {
+    use rhumb_reckoning::{Metres, Ticks};
+
     use super::*;
     use crate::packet::StreamId;
 
@@ -363,6 +405,31 @@ mod tests {
             assert_eq!(reason, None);
             assert_eq!(outbox.poll().is_some(), !is_gone);
             assert_eq!(upstream.requested.is_some(), !is_gone);
+        }
+    }
+
+    #[test]
+    fn a_body_in_no_copy_is_published_again_unless_the_upstream_was_lost_soon() {
+        let still = BodyState::new([0.0; 3], [0.0, 0.0, 0.0, 1.0], [0.0; 3], [0.0; 3]);
+        let states = [(BODY, still.expect("it is finite"))];
+        for (ticks, published) in [(60, None), (700, Some(alloc::vec![BODY]))] {
+            let mut upstream = ClientUpstream::new(LargestPacket::DEFAULT);
+            let mut outbox = ClientOutbox::new();
+            let parameters = PredictionParameters::plain(Metres::new(1.0));
+            upstream.known.insert(BODY, parameters);
+            let taken = upstream.take(Tolerance::NORMAL, &[BODY], Some(&mut outbox));
+            assert_eq!(taken, Ok(()));
+            let (grant, config) = (grant(states.to_vec()), SceneConfig::default());
+            let bodies = upstream.handle_grant(&grant, &config, &[], &mut outbox);
+            assert_eq!(bodies, Some(alloc::vec![BODY]));
+            let at = grant.tick + Ticks::new(ticks);
+            let sent = upstream.publish(at, &states, Stepping::FreeRunning, &mut outbox);
+            assert_eq!(sent, Ok(true));
+            let reason = upstream.handle_denied(AuthorityError::LostSync, &mut outbox);
+            assert_eq!(reason, None);
+            let bodies = upstream.handle_grant(&grant, &config, &[], &mut outbox);
+            assert_eq!(bodies, published, "after {ticks}");
+            assert_eq!(upstream.waits(), published.is_none());
         }
     }
 
