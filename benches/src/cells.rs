@@ -385,7 +385,7 @@ fn take(
 ) -> Result<(), Failure> {
     let within = |(radius, metres): &(f64, f64)| Ok((Metres::new(*radius), choice(*metres)?));
     let bands: Result<Vec<_>, Failure> = bands.iter().map(within).collect();
-    let cells = grid.within(at, &bands?).ok_or("too many cells")?;
+    let cells = grid.within(at, &bands?)?.ok_or("too many cells")?;
     once_allowed(network, client, |client| client.take_cells(&cells))
 }
 

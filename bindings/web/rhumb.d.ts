@@ -59,11 +59,17 @@ export interface CellChoice {
   readonly stream: StreamChoice;
 }
 
-/** A cell that is taken. The next call that takes cells asks again for one that was denied. */
+/**
+ * A cell that is taken. It is awaited until its snapshot has come, once more after a resumed session, which shows it until then as
+ * it was; it stays shown while another stream is on its way. The next call that takes cells asks again for one that was denied.
+ */
 export interface TakenCell {
   readonly cell: Cell;
   readonly state: "awaited" | "shown" | "denied";
-  /** Why it is denied: `noSuchScene` is a cell that the grid has not, `tooManyStreams` one cell or one stream too many. */
+  /**
+   * Why it is denied: `noSuchScene` is a cell that the grid has not, `tooManyStreams` one cell of the scene or of this client too
+   * many, or one stream of the cell.
+   */
   readonly denial?: DenialCode;
 }
 
@@ -286,12 +292,13 @@ export class Client {
   /** The cells that are taken, and the state of each. */
   readonly cells: readonly TakenCell[];
   /**
-   * Takes the cells around a point and no others: each by the stream of the first band that reaches it, the nearest first. Call
-   * it as the point moves: what is taken already costs nothing. It does not wait.
+   * Takes the cells around a point and no others: each by the stream of the nearest band that reaches it. Call it as the point
+   * moves: what is taken already costs nothing. It does not wait. A radius of 0 takes the cell that has the point.
    *
-   * The view has the bodies of these cells, each once, and those that are in no cell: bodies larger than half an edge, such as
-   * floors. A body that leaves the cells is among {@link View.removed}, and no event tells of it: it was not removed from the
-   * scene. Throws for a scene that is not divided, and for more than 256 cells.
+   * The view has the bodies of these cells, each once, and those that are in no cell: bodies whose bounding radius is more than
+   * half of the shortest edge, such as floors. A body that leaves the cells is among {@link View.removed}, and no event tells of
+   * it: it was not removed from the scene. Throws for a scene that is not divided, for more than 256 cells, and for a point that
+   * is in no world; then all stays as it was.
    */
   takeCellsAround(point: Vec3, bands: readonly CellBand[]): void;
   /** Takes these cells and no others. */
@@ -361,7 +368,8 @@ export class Client {
    * One member has authority over 256 bodies at most. The server's bodies are within `tolerance` of what {@link publish}
    * sends, and the tolerance of a stream adds to it: a member that follows these bodies within 0.05 m sees them within
    * 0.07 m of the publisher's if that one's is 0.02 m. Throws `argument` for more bodies, and `notNow` while the event that
-   * answers an earlier request is still to come.
+   * answers an earlier request is still to come. For a member by cells, the grant of a body waits until a cell that it takes has had
+   * the body.
    */
   takeAuthority(bodies: readonly BodyId[], tolerance: Tolerance): void;
   /** The bodies under this client's authority. */

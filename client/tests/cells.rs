@@ -205,6 +205,12 @@ fn a_cell_that_the_grid_has_not_is_denied_and_a_whole_scene_has_none() {
         refused,
         Err(ClientError::Misuse(Misuse::TooManyCells))
     ));
+    for (x, radius) in [(1e30, 5.0), (f32::NAN, 5.0), (0.0, -5.0)] {
+        let bands = [(Metres::new(radius), within(0.2))];
+        let refused = walker.take_cells_around(Vec3::new(x, 0.0, 0.0), &bands);
+        let is_invalid = matches!(refused, Err(ClientError::Misuse(Misuse::Invalid(_))));
+        assert!(is_invalid, "{x} {radius}: {refused:?}");
+    }
     for place in [Cell::PLACE_MAX + 1, i32::MIN] {
         let outside = Cell([0, 0, place]);
         let refused = walker.take_cells(&BTreeMap::from([(outside, within(0.05))]));

@@ -471,7 +471,8 @@ enum RhumbEventKind
   RHUMB_EVENT_KIND_SESSION_LOST,
   // The scene up to `tick` survives a crash of the server.
   RHUMB_EVENT_KIND_DURABLE,
-  // The server granted authority over as many bodies as `number` says.
+  // The server granted authority: as many bodies as `number` says are published. Of a member by cells, more may
+  // follow.
   RHUMB_EVENT_KIND_AUTHORITY_GRANTED,
   // The server denied authority; `text` says why, and `body` is one that the reason names.
   RHUMB_EVENT_KIND_AUTHORITY_DENIED,
@@ -545,9 +546,9 @@ enum RhumbCellState
   : uint32_t
 #endif // defined(__cplusplus) || __STDC_VERSION__ >= 202311L
  {
-  // Its bodies are not there yet.
+  // Its snapshot has not come over this connection. A session that resumes shows it until then as it was.
   RHUMB_CELL_STATE_AWAITED,
-  // The view has its bodies.
+  // The view has its bodies. After another choice they are those of the tolerance before, until the new stream has caught up.
   RHUMB_CELL_STATE_SHOWN,
   // The server denies it: `text` says why. The next call that takes it asks again.
   RHUMB_CELL_STATE_DENIED,
@@ -1309,12 +1310,13 @@ uint32_t rhumb_version(void);
 RhumbCode rhumb_scene_cell_grid(struct RhumbScene scene,
                                 float *edges);
 
-// Takes the cells around a point and no others: each by the first of `count` bands that reaches it, the nearest first. Call it
-// as the point moves: what is taken already costs nothing. It does not wait.
+// Takes the cells around a point and no others: each by the nearest of `count` bands that reaches it. Call it as the point
+// moves: what is taken already costs nothing. It does not wait. A radius of 0 takes the cell that has the point.
 //
-// The view has the bodies of these cells, each once, and those that are in no cell: bodies larger than half an edge, such as
-// floors. A body that leaves the cells is among `removed` of the poses, and no event tells of it: it was not removed from the
-// scene. A scene that is not divided, and more than 256 cells, are `RHUMB_CODE_INVALID`.
+// The view has the bodies of these cells, each once, and those that are in no cell: bodies whose bounding radius is more than
+// half of the shortest edge, such as floors. A body that leaves the cells is among `removed` of the poses, and no event tells of
+// it: it was not removed from the scene. A scene that is not divided, more than 256 cells, and a point that is in no world are
+// `RHUMB_CODE_INVALID`; then all stays as it was.
 //
 // # Safety
 //
@@ -1366,7 +1368,7 @@ RhumbCode rhumb_scene_command(struct RhumbScene scene,
 //
 // It is sent at once. An event, `RHUMB_EVENT_KIND_AUTHORITY_GRANTED` or `RHUMB_EVENT_KIND_AUTHORITY_DENIED`, answers; a
 // denial is also `RHUMB_CODE_REFUSED` of the next advance, wait or poll. A second request before the answer is
-// `RHUMB_CODE_INVALID`.
+// `RHUMB_CODE_INVALID`. For a member by cells, the grant of a body waits until a cell that it takes has had the body.
 //
 // # Safety
 //

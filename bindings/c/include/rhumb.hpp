@@ -1094,7 +1094,8 @@ public:
     // <<< commands of a scene
 
     /// Requests authority over kinematic bodies, 256 at most, in place of those of now; none ends it. An event answers. The
-    /// tolerance of a stream adds to this one. A second request before the answer throws.
+    /// tolerance of a stream adds to this one. A second request before the answer throws. For a member by cells, the grant of a
+    /// body waits until a cell that it takes has had the body.
     void take_authority(const std::vector<Body>& bodies, double tolerance_m = 0.02) {
         throw_unless_ok(rhumb_scene_take_authority(raw_, bodies.data(), bodies.size(), tolerance_m));
     }
@@ -1108,8 +1109,9 @@ public:
         return none ? std::nullopt : std::optional<Vec3>(edges);
     }
 
-    /// Takes the cells around a point and no others, each by the first band that reaches it, the nearest first. Call it as the
-    /// point moves. poses() has the bodies of these cells, each once, and those that are in no cell.
+    /// Takes the cells around a point and no others, each by the nearest band that reaches it. Call it as the point moves.
+    /// poses() has the bodies of these cells, each once, and those that are in no cell: bodies whose bounding radius is more than
+    /// half of the shortest edge. A radius of 0 takes the cell that has the point.
     void take_cells_around(Vec3 point, const std::vector<RhumbCellBand>& bands) {
         throw_unless_ok(rhumb_scene_take_cells_around(raw_, &point.x, bands.data(), bands.size()));
     }

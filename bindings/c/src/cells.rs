@@ -13,9 +13,9 @@ use crate::scene::{RhumbScene, with};
 #[repr(u32)]
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum RhumbCellState {
-    /// Its bodies are not there yet.
+    /// Its snapshot has not come over this connection. A session that resumes shows it until then as it was.
     Awaited,
-    /// The view has its bodies.
+    /// The view has its bodies. After another choice they are those of the tolerance before, until the new stream has caught up.
     Shown,
     /// The server denies it: `text` says why. The next call that takes it asks again.
     Denied,
@@ -68,12 +68,13 @@ pub unsafe extern "C" fn rhumb_scene_cell_grid(scene: RhumbScene, edges: *mut f3
     })
 }
 
-/// Takes the cells around a point and no others: each by the first of `count` bands that reaches it, the nearest first. Call it
-/// as the point moves: what is taken already costs nothing. It does not wait.
+/// Takes the cells around a point and no others: each by the nearest of `count` bands that reaches it. Call it as the point
+/// moves: what is taken already costs nothing. It does not wait. A radius of 0 takes the cell that has the point.
 ///
-/// The view has the bodies of these cells, each once, and those that are in no cell: bodies larger than half an edge, such as
-/// floors. A body that leaves the cells is among `removed` of the poses, and no event tells of it: it was not removed from the
-/// scene. A scene that is not divided, and more than 256 cells, are `RHUMB_CODE_INVALID`.
+/// The view has the bodies of these cells, each once, and those that are in no cell: bodies whose bounding radius is more than
+/// half of the shortest edge, such as floors. A body that leaves the cells is among `removed` of the poses, and no event tells of
+/// it: it was not removed from the scene. A scene that is not divided, more than 256 cells, and a point that is in no world are
+/// `RHUMB_CODE_INVALID`; then all stays as it was.
 ///
 /// # Safety
 ///

@@ -68,7 +68,7 @@ pub struct RhumbBodyState {
 ///
 /// It is sent at once. An event, `RHUMB_EVENT_KIND_AUTHORITY_GRANTED` or `RHUMB_EVENT_KIND_AUTHORITY_DENIED`, answers; a
 /// denial is also `RHUMB_CODE_REFUSED` of the next advance, wait or poll. A second request before the answer is
-/// `RHUMB_CODE_INVALID`.
+/// `RHUMB_CODE_INVALID`. For a member by cells, the grant of a body waits until a cell that it takes has had the body.
 ///
 /// # Safety
 ///

@@ -545,7 +545,8 @@ pub enum RhumbEventKind {
     SessionLost,
     /// The scene up to `tick` survives a crash of the server.
     Durable,
-    /// The server granted authority over as many bodies as `number` says.
+    /// The server granted authority: as many bodies as `number` says are published. Of a member by cells, more may
+    /// follow.
     AuthorityGranted,
     /// The server denied authority; `text` says why, and `body` is one that the reason names.
     AuthorityDenied,

@@ -43,9 +43,9 @@ pub struct CellRecord {
 /// State of a cell that is taken.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum TakenState {
-    /// Its bodies are not there yet.
+    /// Its snapshot has not come over this connection. A session that resumes shows it until then as it was.
     Awaited,
-    /// The view has its bodies.
+    /// The view has its bodies. After another choice they are those of the tolerance before, until the new stream has caught up.
     Shown,
     /// The server denies it.
     Denied,
@@ -122,7 +122,7 @@ fn sentence(denial: Denial) -> String {
             "the grid has no such cell: along an axis that is not divided its place is 0".to_owned()
         }
         Denial::TooManyStreams => {
-            "this client takes as many cells as it may, or the cell has as many streams as it may: take fewer, or one of a tolerance that others take there"
+            "members take as many cells of the scene as it may have, or this client has its share, or the cell has all its streams: take fewer, or a tolerance that others take there"
                 .to_owned()
         }
         denial => denial.to_string(),

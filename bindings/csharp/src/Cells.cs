@@ -127,12 +127,13 @@ namespace Rhumb
         }
 
         /// <summary>
-        /// Takes the cells around a point and no others, each by the first band that reaches it, the nearest first. Call it as the
-        /// point moves: what is taken already costs nothing. It does not wait.
+        /// Takes the cells around a point and no others, each by the nearest band that reaches it. Call it as the point moves:
+        /// what is taken already costs nothing. It does not wait. A radius of 0 takes the cell that has the point.
         ///
-        /// The arrays have the bodies of these cells, each once, and those that are in no cell: bodies larger than half an edge,
-        /// such as floors. A body that leaves the cells is in Removed, and no event tells of it. A scene that is not divided, and
-        /// more than 256 cells, are errors of the call.
+        /// The arrays have the bodies of these cells, each once, and those that are in no cell: bodies whose bounding radius is
+        /// more than half of the shortest edge, such as floors. A body that leaves the cells is in Removed, and no event tells of
+        /// it. A scene that is not divided, more than 256 cells, and a point that is in no world are errors of the call; then all
+        /// stays as it was.
         /// </summary>
         public unsafe void TakeCellsAround(Vec3 point, params CellBand[] bands)
         {

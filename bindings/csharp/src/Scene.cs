@@ -178,7 +178,8 @@ namespace Rhumb
         /// Requests authority over kinematic bodies, 256 at most, in place of those of now; none ends it. The server's bodies
         /// are within the tolerance of what Publish sends, and the tolerance of a stream adds to it. It is sent at once. An
         /// event, AuthorityGranted or AuthorityDenied, answers; a denial is a RhumbRefusedException too. A second request
-        /// before the answer is an error of the call.
+        /// before the answer is an error of the call. For a member by cells, the grant of a body waits until a cell that it
+        /// takes has had the body.
         /// </summary>
         public unsafe void TakeAuthority(Body[] bodies, double toleranceInMetres = 0.02)
         {

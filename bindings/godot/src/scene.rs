@@ -290,9 +290,10 @@ impl SceneNode {
         grid.map_or(Vector3::ZERO, |grid| Vector3::from_array(grid.edges()))
     }
 
-    /// Takes the cells around a point and no others. Each band is a radius and a tolerance in metres, the nearest first, as in
-    /// `[Vector2(40, 0.01), Vector2(150, 0.2)]`; a tolerance of 0 is exact. Call it as the point moves: what is taken already
-    /// costs nothing. The bodies of these cells have nodes, and those that are in no cell, such as floors.
+    /// Takes the cells around a point and no others, each by the nearest band that reaches it. Each band is a radius and a
+    /// tolerance in metres, as in `[Vector2(40, 0.01), Vector2(150, 0.2)]`; a tolerance of 0 is exact. Call it as the point moves:
+    /// what is taken already costs nothing. The bodies of these cells have nodes, and those that are in no cell: bodies whose
+    /// bounding radius is more than half of the shortest edge, such as floors.
     #[func]
     fn take_cells_around(&self, point: Vector3, bands: PackedVector2Array) -> Error {
         let bands = bands.as_slice().iter().map(|band| CellBand {
@@ -333,7 +334,8 @@ impl SceneNode {
         })
     }
 
-    /// States of the cells that are taken: for each `Vector3i` of places `awaited`, `shown`, or why it is denied.
+    /// States of the cells that are taken: for each `Vector3i` of places `awaited`, `shown`, or why it is denied. A cell is awaited
+    /// until its snapshot has come, once more after a resumed session, which shows it until then as it was.
     #[func]
     fn get_taken_cells(&self) -> VarDictionary {
         let mut found = VarDictionary::new();

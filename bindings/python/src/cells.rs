@@ -13,8 +13,7 @@ use crate::scene::PyScene;
 type Places = (i32, i32, i32);
 
 const CELLS: &str = "a dictionary from cells, three whole numbers each, to tolerances in metres, or None for exact states";
-const BANDS: &str =
-    "pairs of a radius and a tolerance in metres, or None for exact states, the nearest first";
+const BANDS: &str = "pairs of a radius and a tolerance in metres, or None for exact states";
 
 #[pymethods]
 impl PyScene {
@@ -40,16 +39,17 @@ impl PyScene {
         self.with(py, |opened| opened.scene.take_cells(&choices))
     }
 
-    /// Takes the cells around a point and no others: each with the tolerance of the first band that reaches it.
+    /// Takes the cells around a point and no others: each with the tolerance of the nearest band that reaches it.
     ///
-    /// bands: pairs of a radius in units of length and a tolerance in metres, the nearest first, as in [(40, 0.01), (150, 0.2)];
+    /// bands: pairs of a radius in units of length and a tolerance in metres, as in [(40, 0.01), (150, 0.2)];
     /// None in place of a tolerance: exact states. Call it as the point moves: what is taken already costs nothing.
     ///
-    /// The view has the bodies of these cells, each once, and those that are in no cell: bodies larger than half an edge,
-    /// such as floors. A body that leaves the cells is among removed, and no event tells of it: it was not removed from the
-    /// scene. It does not wait: cells tells which are there.
+    /// The view has the bodies of these cells, each once, and those that are in no cell: bodies whose bounding radius is more
+    /// than half of the shortest edge, such as floors. A body that leaves the cells is among removed, and no event tells of it: it
+    /// was not removed from the scene. It does not wait: cells tells which are there. A radius of 0 takes the cell that has the point.
     ///
-    /// Raises InvalidError for a scene whose cell_grid is None, and for more than 256 cells.
+    /// Raises InvalidError for a scene whose cell_grid is None, for more than 256 cells, and for a point that is in no world; then
+    /// all stays as it was.
     fn take_cells_around(
         &self,
         py: Python<'_>,
@@ -69,7 +69,8 @@ impl PyScene {
 
     /// States of the cells that are taken: "awaited", "shown", or "denied", as denied_cells explains.
     ///
-    /// A cell that was denied is asked for again by the next take_cells or take_cells_around.
+    /// A cell is awaited until its snapshot has come, once more after a resumed session, which shows it until then as it was. It stays
+    /// shown while another tolerance is on its way. A cell that was denied is asked for again by the next take_cells or take_cells_around.
     #[getter]
     fn cells(&self, py: Python<'_>) -> PyResult<BTreeMap<Places, &'static str>> {
         let cells = self.with(py, |opened| Ok(opened.scene.cells()))?;

@@ -271,7 +271,8 @@ impl PyScene {
     /// published within 0.02 m within 0.07 m of the publisher's.
     ///
     /// It is sent at once. An event, "authority granted" or "authority denied", answers; a denial raises RefusedError too. A
-    /// second request before the answer raises InvalidError.
+    /// second request before the answer raises InvalidError. For a member by cells, the grant of a body waits until a cell that
+    /// it takes has had the body.
     #[pyo3(signature = (body, tolerance = 0.02))]
     fn take_authority(
         &self,

@@ -119,6 +119,7 @@ def test_what_cannot_be_taken_is_an_error(divided, scene):
         for call, words in (
             (lambda: walker.take_cells_around((0, 0, 0), [(500, 0.1)]), "256 cells"),
             (lambda: walker.take_cells({(place, 0, 0): 0.1 for place in range(257)}), "256 cells"),
+            (lambda: walker.take_cells_around((1e30, 0, 0), [(1, 0.1)]), "position"),
             (lambda: walker.take_cells_around((0, 0, 0), [(-1, 0.1)]), "radius"),
             (lambda: walker.take_cells_around((0, 0, 0), [(1, 1e-9)]), "tolerance"),
             (lambda: walker.take_cells_around((0, float("nan"), 0), [(1, 0.1)]), "point"),

@@ -563,7 +563,7 @@ pub const EVENTS: [Reported; 30] = [
     ),
     reported(
         "authority granted",
-        "The server granted authority over as many bodies as `number` says.",
+        "The server granted authority: as many bodies as `number` says are published. Of a member by cells, more may follow.",
     ),
     reported(
         "authority denied",

@@ -520,7 +520,7 @@ impl CellArguments {
         match self {
             Self::Around(point, bands) => {
                 let cells = grid.within(*point, bands);
-                cells.ok_or(Misuse::TooManyCells)
+                cells.map_err(Misuse::Invalid)?.ok_or(Misuse::TooManyCells)
             }
             Self::These(cells) => Ok(cells.clone()),
         }

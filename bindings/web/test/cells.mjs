@@ -78,6 +78,7 @@ assert.deepEqual([...walker.view.ids].sort(), [floor, away].sort());
 const within = { within: 0.1 };
 assert.throws(() => owner.takeCells([]), { code: "notNow", message: /not divided/ });
 assert.throws(() => walker.takeCellsAround([0, 0, 0], [{ radius: 500, stream: within }]), { code: "argument" });
+assert.throws(() => walker.takeCellsAround([1e30, 0, 0], [{ radius: 1, stream: within }]), { code: "argument" });
 assert.throws(() => walker.takeCellsAround([0, 0, 0], [{ radius: -1, stream: within }]), { message: /radius: must be/ });
 assert.throws(() => walker.takeCellsAround([0, 0], []), { message: /point: must be/ });
 assert.throws(() => walker.takeCells([{ cell: [0, 0], stream: within }]), { message: /cell: must be/ });

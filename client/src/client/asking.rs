@@ -59,6 +59,10 @@ impl Client {
     /// can move these bodies. The authority over a body ends when the body or this client leaves the scene; the body
     /// then stands still.
     ///
+    /// A member by cells publishes a body once it has had it in a cell that it takes: until then the grant waits for the cell,
+    /// and an event [`Event::AuthorityGrant`](crate::Event::AuthorityGrant) says each time which bodies are published. The body may
+    /// leave the cells afterwards. [`Event::BodyRemoved`](crate::Event::BodyRemoved) reports its removal wherever it is.
+    ///
     /// A client whose session was interrupted requests the authority again when the session continues, without bodies that
     /// it cannot have any more; the same events report the result. Requests meanwhile are sent then.
     ///
@@ -84,7 +88,8 @@ impl Client {
     /// A body that is left out stands still at its last published pose. Nothing is sent while the server predicts all
     /// of the bodies within tolerance.
     ///
-    /// Returns the tick of the states. Returns `None`, and publishes nothing, before the authority is granted, while the
+    /// Returns the tick of the states. Returns `None`, and publishes nothing, before the authority is granted or while all of
+    /// the bodies wait for their cells, while the
     /// session is interrupted and until it has the authority again, before the server's clock is known, and when a frame
     /// falls on the same tick as the frame before. In lockstep the tick
     /// is that of the next [`Self::advance`]. In a free-running scene it is the tick nearest to now by the server's
@@ -137,7 +142,7 @@ impl Client {
         Ok(())
     }
 
-    /// The bodies under this client's authority, in rising order.
+    /// The bodies under this client's authority, in rising order, without those that wait for their cells.
     pub fn authority_bodies(&self) -> impl Iterator<Item = BodyId> {
         self.pump.session.authority_bodies()
     }
@@ -262,12 +267,13 @@ impl Client {
         Ok(())
     }
 
-    /// Takes the cells around a point by bands, from the nearest to the farthest: each cell by the stream of the first band
-    /// that reaches it. A program calls it as its point moves; what is taken already costs nothing.
+    /// Takes the cells around a point by bands, in any order: each cell by the stream of the nearest band that reaches it. A
+    /// program calls it as its point moves; what is taken already costs nothing. A radius of 0 takes the cell that has the point.
     ///
     /// # Errors
     ///
-    /// As [`Self::take_cells`].
+    /// As [`Self::take_cells`], and [`ClientError::Misuse`] for a point that is in no world and for a radius that is no length; then
+    /// all stays as it was.
     pub fn take_cells_around(
         &mut self,
         point: impl Into<Vec3>,
@@ -275,10 +281,11 @@ impl Client {
     ) -> Result<(), ClientError> {
         let grid = self.cell_grid().ok_or(Misuse::NotDivided)?;
         let cells = grid.within(point.into(), bands);
+        let cells = cells.map_err(Misuse::Invalid)?;
         self.take_cells(&cells.ok_or(Misuse::TooManyCells)?)
     }
 
-    /// The cells that this client takes, in order, and the state of each. The next [`Self::take_cells`] asks again for
+    /// The cells that this client takes, in order, and the state of each: see [`CellState`]. The next [`Self::take_cells`] asks again for
     /// those that were denied.
     pub fn cells(&self) -> impl Iterator<Item = (Cell, CellState)> {
         self.pump.session.taken_cells()

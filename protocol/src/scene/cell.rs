@@ -10,6 +10,7 @@ use core::str::FromStr;
 use glam::Vec3;
 use rhumb_reckoning::Metres;
 
+use super::checks::{self, Invalid, Quantity};
 use crate::limits::{CELL_EDGE_MIN, CELLS_PER_MEMBER_MAX, COORDINATE_MAX, EXTENT_MAX};
 use crate::wire::bytes::{Reader, Writer};
 use crate::wire::{Malformed, Wire};
@@ -132,33 +133,49 @@ impl CellGrid {
         bounding_radius.metres() > LARGEST * f64::from(shortest)
     }
 
-    /// The cells within distances of a point, each with the choice of the first band that reaches it: bands are given from
-    /// the nearest to the farthest. `None` if they are more than [`CELLS_PER_MEMBER_MAX`].
-    #[must_use]
-    pub fn within<T: Copy>(&self, point: Vec3, bands: &[(Metres, T)]) -> Option<BTreeMap<Cell, T>> {
+    /// The cells within distances of a point, each with the choice of the nearest band that reaches it, in whatever order the
+    /// bands are given. `None` if they are more than [`CELLS_PER_MEMBER_MAX`].
+    ///
+    /// # Errors
+    ///
+    /// [`Invalid`] for a point that is in no world, and for a radius that is no length.
+    pub fn within<T: Copy>(
+        &self,
+        point: Vec3,
+        bands: &[(Metres, T)],
+    ) -> Result<Option<BTreeMap<Cell, T>>, Invalid> {
+        checks::vector(point, COORDINATE_MAX, Quantity::Position)?;
+        let mut reach = 0.0_f32;
+        for (radius, _) in bands {
+            let radius = radius.metres() as f32;
+            let checked = checks::scalar(radius, 0.0, f32::MAX, Quantity::Position);
+            checked.map_err(|wrong| wrong.of("radius of a band", "m"))?;
+            reach = reach.max(radius);
+        }
+        let reach = Vec3::splat(reach);
+        let (first, last) = (self.cell_of(point - reach), self.cell_of(point + reach));
+        let count = |axis: usize| u64::from(last.0[axis].abs_diff(first.0[axis])) + 1;
+        // The cells of a ball are more than a third of those of the box around it.
+        let box_cells = (0..3).map(count).fold(1, u64::saturating_mul);
+        if box_cells > 8 * CELLS_PER_MEMBER_MAX as u64 {
+            return Ok(None);
+        }
         let mut cells = BTreeMap::new();
-        for (radius, choice) in bands {
-            let nearer = radius.metres() * radius.metres();
-            let reach = Vec3::splat(radius.metres().max(0.0) as f32);
-            let (first, last) = (self.cell_of(point - reach), self.cell_of(point + reach));
-            let count = |axis: usize| u64::from(last.0[axis].abs_diff(first.0[axis])) + 1;
-            // The cells of a ball are more than a third of those of the box around it.
-            let box_cells = (0..3).map(count).fold(1, u64::saturating_mul);
-            if box_cells > 8 * CELLS_PER_MEMBER_MAX as u64 {
-                return None;
-            }
-            for x in first.0[0]..=last.0[0] {
-                for y in first.0[1]..=last.0[1] {
-                    for z in first.0[2]..=last.0[2] {
-                        let cell = Cell([x, y, z]);
-                        if self.squared_distance(cell, point) <= nearer {
-                            cells.entry(cell).or_insert(*choice);
-                        }
-                    }
+        for x in first.0[0]..=last.0[0] {
+            for y in first.0[1]..=last.0[1] {
+                for z in first.0[2]..=last.0[2] {
+                    let cell = Cell([x, y, z]);
+                    let distance = self.squared_distance(cell, point);
+                    let bands = bands
+                        .iter()
+                        .map(|(radius, choice)| (radius.metres(), *choice));
+                    let reaching = bands.filter(|(radius, _)| distance <= radius * radius);
+                    let nearest = reaching.min_by(|(a, _), (b, _)| a.total_cmp(b));
+                    cells.extend(nearest.map(|(_, choice)| (cell, choice)));
                 }
             }
         }
-        (cells.len() <= CELLS_PER_MEMBER_MAX).then_some(cells)
+        Ok((cells.len() <= CELLS_PER_MEMBER_MAX).then_some(cells))
     }
 
     /// The square of the distance of a cell from a point, square metres; 0 inside.
@@ -338,14 +355,47 @@ mod tests {
             at(5.0, 5.0),
             &[(Metres::new(4.0), 'n'), (Metres::new(12.0), 'f')],
         );
-        let cells = cells.expect("few cells");
+        let cells = cells.expect("a place").expect("few cells");
         assert_eq!(cells.get(&Cell([0, 0, 0])), Some(&'n'));
         assert_eq!(cells.get(&Cell([1, 0, 1])), Some(&'f'));
         assert_eq!(cells.get(&Cell([-1, 0, 0])), Some(&'f'));
         assert_eq!(cells.get(&Cell([2, 0, 0])), None);
         assert_eq!(cells.len(), 9);
-        assert_eq!(grid.within(at(0.0, 0.0), &[(Metres::new(1e5), ())]), None);
-        assert_eq!(grid.within(at(0.0, 0.0), &[(Metres::new(150.0), ())]), None);
+        let far_first = [(Metres::new(12.0), 'f'), (Metres::new(4.0), 'n')];
+        assert_eq!(grid.within(at(5.0, 5.0), &far_first), Ok(Some(cells)));
+        for radius in [150.0, 1e5, 1e30] {
+            let all = grid.within(at(0.0, 0.0), &[(Metres::new(radius), ())]);
+            assert_eq!(all, Ok(None), "{radius}");
+        }
+    }
+
+    #[test]
+    fn a_point_in_no_world_and_a_radius_that_is_no_length_are_errors() {
+        let grid = squares(10.0);
+        let bands = [(Metres::new(4.0), ())];
+        for x in [1e30, -1.1e5, f32::NAN, f32::INFINITY] {
+            assert!(grid.within(at(x, 0.0), &bands).is_err(), "{x}");
+        }
+        let corner = grid.within(at(1e5, -1e5), &bands);
+        assert_eq!(
+            corner.map(|cells| cells.map(|cells| cells.len())),
+            Ok(Some(4))
+        );
+        for radius in [-1.0, f64::NAN, f64::INFINITY] {
+            let radius = Metres::new(radius);
+            assert!(
+                grid.within(at(0.0, 0.0), &[(radius, ())]).is_err(),
+                "{radius}"
+            );
+        }
+    }
+
+    #[test]
+    fn a_radius_of_zero_takes_the_cell_that_has_the_point() {
+        let grid = squares(10.0);
+        let cells = grid.within(at(10.0, -10.0), &[(Metres::new(0.0), ())]);
+        let only = BTreeMap::from([(Cell([1, 0, -1]), ())]);
+        assert_eq!(cells, Ok(Some(only)));
     }
 
     #[test]

@@ -848,7 +848,8 @@ class Scene:
         published within 0.02 m within 0.07 m of the publisher's.
 
         It is sent at once. An event, "authority granted" or "authority denied", answers; a denial raises RefusedError too. A
-        second request before the answer raises InvalidError.
+        second request before the answer raises InvalidError. For a member by cells, the grant of a body waits until a cell that
+        it takes has had the body.
         """
     @property
     def cell_grid(self) -> Optional[Tuple[float, float, float]]:
@@ -858,16 +859,17 @@ class Scene:
         divided, its number is 0. None for a scene that is not divided, and for one that was not joined with cells=True.
         """
     def take_cells_around(self, point: _Vector, bands: Sequence[Tuple[float, Optional[float]]]) -> None:
-        """Takes the cells around a point and no others: each with the tolerance of the first band that reaches it.
+        """Takes the cells around a point and no others: each with the tolerance of the nearest band that reaches it.
 
-        bands: pairs of a radius in units of length and a tolerance in metres, the nearest first, as in [(40, 0.01), (150, 0.2)];
+        bands: pairs of a radius in units of length and a tolerance in metres, as in [(40, 0.01), (150, 0.2)];
         None in place of a tolerance: exact states. Call it as the point moves: what is taken already costs nothing.
 
-        The view has the bodies of these cells, each once, and those that are in no cell: bodies larger than half an edge,
-        such as floors. A body that leaves the cells is among removed, and no event tells of it: it was not removed from the
-        scene. It does not wait: cells tells which are there.
+        The view has the bodies of these cells, each once, and those that are in no cell: bodies whose bounding radius is more
+        than half of the shortest edge, such as floors. A body that leaves the cells is among removed, and no event tells of it: it
+        was not removed from the scene. It does not wait: cells tells which are there. A radius of 0 takes the cell that has the point.
 
-        Raises InvalidError for a scene whose cell_grid is None, and for more than 256 cells.
+        Raises InvalidError for a scene whose cell_grid is None, for more than 256 cells, and for a point that is in no world; then
+        all stays as it was.
         """
     def take_cells(self, cells: Mapping[Tuple[int, int, int], Optional[float]]) -> None:
         """Takes these cells and no others, each with its tolerance in metres; None: exact states. As take_cells_around."""
@@ -875,7 +877,8 @@ class Scene:
     def cells(self) -> Dict[Tuple[int, int, int], str]:
         """States of the cells that are taken: "awaited", "shown", or "denied", as denied_cells explains.
 
-        A cell that was denied is asked for again by the next take_cells or take_cells_around.
+        A cell is awaited until its snapshot has come, once more after a resumed session, which shows it until then as it was. It stays
+        shown while another tolerance is on its way. A cell that was denied is asked for again by the next take_cells or take_cells_around.
         """
     @property
     def denied_cells(self) -> Dict[Tuple[int, int, int], str]:
