@@ -62,6 +62,8 @@ pub struct Table {
     uplink_filters: BTreeMap<Peer, LossFilter>,
     /// Those whose links report what they take, as real ones do.
     paced: BTreeSet<Peer>,
+    /// What the server sent to those whose downlink is held.
+    held: BTreeMap<Peer, Vec<Delivered>>,
     next: u64,
 }
 
@@ -89,6 +91,7 @@ impl Table {
             late: BTreeMap::new(),
             uplink_filters: BTreeMap::new(),
             paced: BTreeSet::new(),
+            held: BTreeMap::new(),
             next: 0,
         }
     }
@@ -199,6 +202,18 @@ impl Table {
     pub fn pace(&mut self, peer: Peer) {
         self.paced.insert(peer);
         self.server.handle_control_taken(self.now, peer, 0);
+    }
+
+    /// Holds back what the server sends to a peer, until [`Self::release`].
+    pub fn hold(&mut self, peer: Peer) {
+        self.held.entry(peer).or_default();
+    }
+
+    /// Delivers what was held back, in its order.
+    pub fn release(&mut self, peer: Peer) {
+        let held = self.held.remove(&peer).unwrap_or_default();
+        held.into_iter().for_each(|sent| self.arrive(peer, sent));
+        self.run_until_idle();
     }
 
     /// Filters datagrams from the server to a peer from now on.
@@ -378,6 +393,9 @@ impl Table {
     }
 
     fn arrive(&mut self, to: Peer, sent: Delivered) {
+        if let Some(held) = self.held.get_mut(&to) {
+            return held.push(sent);
+        }
         if let Some(session) = self.sessions.get_mut(&to) {
             match &sent {
                 Delivered::Control(bytes) => session.handle_control(self.now, HOST, bytes),

@@ -94,7 +94,7 @@ impl Divided {
         self.command(Command::AddBody { desc, motion });
     }
 
-    fn put(&mut self, index: u32, x: f32) {
+    pub(super) fn put(&mut self, index: u32, x: f32) {
         self.command(Command::SetPose {
             id: body(index),
             position: Vec3::new(x, 1.0, 5.0),
@@ -128,14 +128,18 @@ impl Divided {
     }
 
     /// The bodies that a member of the whole scene has in each cell.
-    fn true_bodies(&mut self) -> BTreeMap<Cell, Vec<u32>> {
+    pub(super) fn true_bodies(&mut self) -> BTreeMap<Cell, Vec<u32>> {
         let copy = self.table.session(self.owner).replica();
         let copy = copy.expect("a member");
         let mut bodies = cells([], []);
         for desc in copy.bodies() {
             let motion = (copy.stream()).predicted_motion(desc.id, copy.stream().complete());
             let x = motion.expect("it has the body").pose().position.x;
-            let cell = if x < 10.0 { HERE } else { BESIDE };
+            let cell = match x {
+                ..10.0 => HERE,
+                10.0..20.0 => BESIDE,
+                _ => continue,
+            };
             bodies.entry(cell).or_default().push(desc.id.index());
         }
         bodies
@@ -385,6 +389,12 @@ fn cells_learn_of_a_silent_publisher_whose_body_crosses() {
     assert!(matches!(divided.bound(9), ErrorBound::Unknown { .. }));
 }
 
+/// A tolerance in millimetres.
+pub(super) fn within(millimetres: u32) -> StreamChoice {
+    let metres = Metres::new(f64::from(millimetres) / 1_000.0);
+    StreamChoice::Within(Tolerance::from_metres(metres).expect("within the limits"))
+}
+
 /// A raw member by cells of the scene.
 fn raw(table: &mut Table) -> RawPeer {
     RawPeer::enter_by_cells(table, "divided")
@@ -566,10 +576,6 @@ fn a_member_takes_so_many_cells_and_a_cell_has_so_many_streams() {
     ];
     let news = ask(&mut many, table, &instead);
     assert_eq!((denials(&news), snapshots(&news)), (vec![], 1));
-    let within = |millimetres: u32| {
-        let metres = Metres::new(f64::from(millimetres) / 1_000.0);
-        StreamChoice::Within(Tolerance::from_metres(metres).expect("within the limits"))
-    };
     let mut members: Vec<_> = (0..=STREAMS_PER_SCENE_MAX).map(|_| raw(table)).collect();
     let answers: Vec<_> = (members.iter_mut().zip(2..))
         .map(|(member, millimetres)| {

@@ -29,6 +29,7 @@ mod publish_interval;
 mod queries;
 mod refusals;
 mod restoration;
+mod retaken_cells;
 mod sessions;
 mod shown_intervals;
 mod shown_poses;

@@ -187,8 +187,10 @@ impl CellSubscriptions {
         self.touched.insert(cell);
         let subscription = &mut taken.subscription;
         match news {
+            CellNews::Joined(start) if subscription.is_of_former_request(start.choice) => {}
             CellNews::Joined(start) => {
                 self.unsettled.insert(cell);
+                taken.denied = None;
                 let joined = Joined {
                     choice: start.choice,
                     config: *config,
@@ -254,7 +256,9 @@ impl CellSubscriptions {
             }
             return;
         }
-        let of_cells = self.copies().map(|(_, copy)| copy.stream().complete());
+        let shown = self.taken.values().filter(|taken| taken.is_shown);
+        let live = shown.filter_map(|taken| taken.subscription.live());
+        let of_cells = live.map(|copy| copy.stream().complete());
         let complete = scene.map(|scene| scene.stream().complete());
         let complete = complete.into_iter().chain(of_cells).min();
         let complete = complete.unwrap_or_default();
