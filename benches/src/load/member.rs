@@ -6,25 +6,32 @@
 //! thousand bodies would measure the copies. It reports no losses, and asks what a member asks whose view has no news. When
 //! its connection ends it comes back, as often as that happens.
 
-use std::collections::BTreeMap;
-use std::net::SocketAddr;
+use std::net::{Ipv4Addr, SocketAddr};
 use std::num::NonZeroU32;
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
-use std::sync::mpsc::{self, Receiver, RecvTimeoutError, Sender};
+use std::sync::mpsc::{self, Sender};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::thread::{self, JoinHandle};
 use std::time::{Duration, Instant};
 
 use bytes::Bytes;
 use glam::{Quat, Vec3};
+use quinn::{Connection, Endpoint, EndpointConfig, RecvStream, SendStream, TokioRuntime, VarInt};
 use rhumb_client::scene::{BodyDesc, Shape, Sleep};
 use rhumb_client::{Client, Event, JoinMode, JoinOptions, Replica, StreamChoice, Trust};
+use rhumb_link::connection::Unnamed;
+use rhumb_link::trust::client_tls;
+use rhumb_link::{bind_udp, io_runtime, tuning};
 use rhumb_protocol::message::{ClientMessage, Extensions, Frames, ServerMessage, VERSIONS};
 use rhumb_protocol::packet::{Datagram, LossReport, Low16, PacketKind, StreamId};
 use rhumb_protocol::scene::{BodyKind, Command, SceneConfig, SceneName, Stepping};
 use rhumb_reckoning::{BodyId, BodyState, Tick, Tolerance};
-use rhumb_transport::{ClientOptions, ClientTransport, Fingerprint, QuicClient, Received};
+use rhumb_transport::{Fingerprint, TransportCode};
 use serde::{Deserialize, Serialize};
+use tokio::sync::mpsc::{UnboundedReceiver, UnboundedSender, unbounded_channel};
+use tokio::sync::watch;
+use tokio::task::JoinSet;
+use tokio::time::{sleep, sleep_until, timeout};
 
 use super::rig::{LIMIT, script, take_ids};
 use crate::output::Failure;
@@ -204,11 +211,12 @@ impl Resets {
     }
 }
 
-/// Followers of one place, which a thread drives.
+/// Followers of one place, all on one thread: with a thread for each, a load would measure the threads.
 pub(super) struct Crowd {
     followers: u32,
     thread: JoinHandle<()>,
-    tasks: Sender<Task>,
+    /// Lets one more follower enter; the crowd ends without it.
+    entrance: UnboundedSender<()>,
     counts: Arc<Counts>,
 }
 
@@ -229,21 +237,21 @@ struct Absence {
     back_at: Option<Instant>,
 }
 
-enum Task {
-    /// This follower has something to receive.
-    Receive(usize),
-    /// An attempt of this follower to connect has ended.
-    Opened(usize, Option<QuicClient>),
-    /// The crowd ends.
-    End,
+/// What the followers of a crowd have in common.
+struct RunningCrowd {
+    place: Place,
+    joined: Sender<()>,
+    counts: Arc<Counts>,
 }
 
+/// A follower with a connection.
 struct Follower {
-    connection: QuicClient,
+    endpoint: Endpoint,
+    connection: Connection,
+    requests: SendStream,
     frames: Frames,
-    /// True while the loop knows that something has come.
-    has_news: Arc<AtomicBool>,
     is_member: bool,
+    asks_at: Instant,
     /// Its newest packet; `None` before the first one.
     newest: Option<NewestPacket>,
 }
@@ -259,8 +267,12 @@ struct NewestPacket {
     next: Low16,
 }
 
-/// Time between two looks of a crowd at followers without news, and between two questions of one, as of a view.
-const LOOK: Duration = Duration::from_millis(100);
+/// Time between two questions of a follower without news, as of a view, and between two attempts to connect.
+const AGAIN: Duration = Duration::from_millis(100);
+/// Bytes of one read of news, at most.
+const READ_BYTES_MAX: usize = 64 << 10;
+/// Time in which a close frame leaves.
+const CLOSES: Duration = Duration::from_millis(500);
 /// The longest time between two watermarks, and the time after the next one for which a view predicts.
 const SILENCE: Duration = Duration::from_millis(2_500);
 const PREDICTED: Duration = Duration::from_millis(500);
@@ -276,27 +288,28 @@ impl Crowd {
         followers: u32,
         entered: &dyn Fn(),
     ) -> Result<Self, Failure> {
-        let (tasks, receiver) = mpsc::channel();
+        let runtime = io_runtime()?;
+        let (entrance, entering) = unbounded_channel();
         let (joined, has_joined) = mpsc::channel();
         let counts = Arc::new(Counts::default());
-        let running = RunningCrowd {
+        let running = Arc::new(RunningCrowd {
             place: place.clone(),
-            followers: BTreeMap::new(),
-            tasks: tasks.clone(),
             joined,
             counts: Arc::clone(&counts),
-        };
-        let thread = thread::spawn(move || running.run(&receiver));
-        for number in 0..followers as usize {
-            let connection = connect(place)?;
-            tasks.send(Task::Opened(number, Some(connection)))?;
-            has_joined.recv_timeout(LIMIT)?;
+        });
+        let thread = thread::spawn(move || runtime.block_on(running.run(entering)));
+        for number in 0..followers {
+            entrance.send(())?;
+            has_joined.recv_timeout(LIMIT).map_err(|_| {
+                let address = place.address;
+                format!("follower {number} was no member of {address} within {LIMIT:?}")
+            })?;
             entered();
         }
         Ok(Self {
             followers,
             thread,
-            tasks,
+            entrance,
             counts,
         })
     }
@@ -328,8 +341,7 @@ impl Crowd {
 
     /// Closes all connections.
     pub(super) fn end(self) -> Result<(), Failure> {
-        // A thread that has ended is noticed by the join.
-        let _ = self.tasks.send(Task::End);
+        drop(self.entrance);
         let ended = self.thread.join();
         ended.map_err(|_| "the thread of a crowd panicked".into())
     }
@@ -341,92 +353,109 @@ impl Counts {
     }
 }
 
-fn connect(place: &Place) -> Result<QuicClient, Failure> {
-    let options = ClientOptions::new(place.address, Trust::Fingerprint(place.fingerprint));
-    Ok(QuicClient::connect(options, LIMIT)?)
-}
-
-struct RunningCrowd {
-    place: Place,
-    followers: BTreeMap<usize, Follower>,
-    tasks: Sender<Task>,
-    joined: Sender<()>,
-    counts: Arc<Counts>,
-}
-
 impl RunningCrowd {
-    fn run(mut self, tasks: &Receiver<Task>) {
-        let mut look = Instant::now() + LOOK;
-        loop {
-            match tasks.recv_timeout(look.saturating_duration_since(Instant::now())) {
-                Ok(Task::Receive(number)) => self.receive(number),
-                Ok(Task::Opened(number, Some(connection))) => self.open(number, connection),
-                Ok(Task::Opened(number, None)) => self.come_back(number),
-                Ok(Task::End) | Err(RecvTimeoutError::Disconnected) => break,
-                Err(RecvTimeoutError::Timeout) => {}
-            }
-            let now = Instant::now();
-            if now >= look {
-                self.followers
-                    .values()
-                    .for_each(|follower| follower.ask(now));
-                look = now + LOOK;
-            }
+    async fn run(self: Arc<Self>, mut entering: UnboundedReceiver<()>) {
+        let (end, has_ended) = watch::channel(());
+        let mut followers = JoinSet::new();
+        while entering.recv().await.is_some() {
+            let (crowd, has_ended) = (Arc::clone(&self), has_ended.clone());
+            followers.spawn(async move { crowd.follow(has_ended).await });
         }
-        // Closing waits for each connection in turn: all at once.
-        let closing = self.followers.into_values();
-        let closing: Vec<_> = closing
-            .map(|follower| thread::spawn(move || drop(follower)))
-            .collect();
-        for closed in closing {
-            // A connection that is not closed in order ends with the process.
-            let _ = closed.join();
+        drop(end);
+        // Each closes its connection; the panic of one is that of the crowd.
+        followers.join_all().await;
+    }
+
+    /// One follower, as often as its connection ends, until the crowd ends.
+    async fn follow(&self, mut has_ended: watch::Receiver<()>) {
+        loop {
+            let over = tokio::select! {
+                _ = has_ended.changed() => return,
+                opened = timeout(LIMIT, self.open()) => match opened {
+                    Ok(Ok((follower, news))) => self.attend(follower, news, &mut has_ended).await,
+                    // No answer: the next attempt does the same.
+                    Ok(Err(_)) | Err(_) => false,
+                },
+            };
+            if over {
+                return;
+            }
+            sleep(AGAIN).await;
         }
     }
 
-    fn open(&mut self, number: usize, connection: QuicClient) {
+    /// Connects, and asks for the scene.
+    async fn open(&self) -> Result<(Follower, RecvStream), Failure> {
+        let trust = Trust::Fingerprint(self.place.fingerprint);
+        let config = tuning::client(client_tls(&trust)?)?;
+        let socket = bind_udp((Ipv4Addr::UNSPECIFIED, 0).into())?;
+        let mut local = EndpointConfig::default();
+        local.cid_generator(|| Box::new(Unnamed));
+        let endpoint = Endpoint::new(local, None, socket, Arc::new(TokioRuntime))?;
+        let connecting = endpoint.connect_with(config, self.place.address, "localhost")?;
+        let connection = connecting.await?;
+        let (requests, news) = connection.open_bi().await?;
+        let mut follower = Follower {
+            endpoint,
+            connection,
+            requests,
+            frames: Frames::new(),
+            is_member: false,
+            asks_at: Instant::now() + SILENCE,
+            newest: None,
+        };
         let hello = ClientMessage::Hello {
             versions: VERSIONS.to_vec(),
             scene: self.place.scene(),
             extensions: Extensions::NONE,
         };
-        let has_news = Arc::new(AtomicBool::new(false));
-        send(&connection, &hello);
-        let (known, tasks) = (Arc::clone(&has_news), self.tasks.clone());
-        connection.on_arrival(move || {
-            if !known.swap(true, Ordering::AcqRel) {
-                let _ = tasks.send(Task::Receive(number));
-            }
-        });
-        let follower = Follower {
-            connection,
-            frames: Frames::new(),
-            has_news,
-            is_member: false,
-            newest: None,
-        };
-        self.followers.insert(number, follower);
+        follower.send(&hello).await?;
+        Ok((follower, news))
     }
 
-    fn receive(&mut self, number: usize) {
-        let Some(follower) = self.followers.get_mut(&number) else {
-            return;
-        };
-        follower.has_news.store(false, Ordering::Release);
-        let was_member = follower.is_member;
-        while let Some(received) = follower.connection.recv(Duration::ZERO) {
-            match received {
-                Received::Control(bytes) => follower.read(&bytes),
-                Received::State(bytes) => {
-                    let packets = u64::from(follower.note_packet(&bytes));
-                    self.counts.packets.fetch_add(packets, Ordering::Relaxed);
+    /// Receives until the connection ends, or the crowd: true.
+    async fn attend(
+        &self,
+        mut follower: Follower,
+        mut news: RecvStream,
+        has_ended: &mut watch::Receiver<()>,
+    ) -> bool {
+        let asks_at = sleep_until(follower.asks_at.into());
+        tokio::pin!(asks_at);
+        loop {
+            tokio::select! {
+                _ = has_ended.changed() => break,
+                received = follower.connection.read_datagram() => match received {
+                    Ok(bytes) => {
+                        let packets = u64::from(follower.note_packet(&bytes));
+                        self.counts.packets.fetch_add(packets, Ordering::Relaxed);
+                    }
+                    Err(_) => return self.lose(&follower),
+                },
+                received = news.read_chunk(READ_BYTES_MAX, true) => {
+                    let was_member = follower.is_member;
+                    let read = match received {
+                        Ok(Some(chunk)) => follower.read(&chunk.bytes).await,
+                        Ok(None) | Err(_) => Err("the stream has ended".into()),
+                    };
+                    if read.is_err() {
+                        return self.lose(&follower);
+                    }
+                    if follower.is_member && !was_member {
+                        self.note_member();
+                    }
                 }
-                Received::Ended(_) => return self.lose(number),
+                () = &mut asks_at => follower.ask(),
+            }
+            if asks_at.deadline() != follower.asks_at.into() {
+                asks_at.as_mut().reset(follower.asks_at.into());
             }
         }
-        if follower.is_member && !was_member {
-            self.note_member();
-        }
+        let code = VarInt::from_u32(TransportCode::LEFT.0);
+        follower.connection.close(code, b"");
+        // A connection that is not closed in order ends with the process.
+        let _ = timeout(CLOSES, follower.endpoint.wait_idle()).await;
+        true
     }
 
     fn note_member(&self) {
@@ -439,26 +468,13 @@ impl RunningCrowd {
         }
     }
 
-    fn lose(&mut self, number: usize) {
-        let Some(lost) = self.followers.remove(&number) else {
-            return;
-        };
+    /// Notes the end of a connection; the crowd continues.
+    fn lose(&self, lost: &Follower) -> bool {
         if lost.is_member {
             self.counts.lost.fetch_add(1, Ordering::Relaxed);
             self.counts.absence().absent += 1;
         }
-        thread::spawn(move || drop(lost));
-        self.come_back(number);
-    }
-
-    /// Tries again on a thread: opening waits.
-    fn come_back(&self, number: usize) {
-        let (place, tasks) = (self.place.clone(), self.tasks.clone());
-        thread::spawn(move || {
-            let connection = connect(&place).ok();
-            // A crowd that has ended needs none.
-            let _ = tasks.send(Task::Opened(number, connection));
-        });
+        false
     }
 }
 
@@ -487,46 +503,50 @@ impl Follower {
             }),
             _ => self.newest.map(|newest| NewestPacket { at, ..newest }),
         };
+        if let Some(newest) = self.newest {
+            let silent = newest.at.duration_since(newest.spoke_at).min(SILENCE);
+            self.asks_at = newest.at + silent + PREDICTED;
+        }
         true
     }
 
-    /// Asks for the watermark once a view would have no news for longer than it predicts.
-    fn ask(&self, now: Instant) {
+    /// Asks for the watermark, as a view that has had no news for longer than it predicts.
+    fn ask(&mut self) {
+        self.asks_at = Instant::now() + AGAIN;
         let Some(newest) = self.newest else {
             return;
         };
-        let silent = newest.at.duration_since(newest.spoke_at).min(SILENCE);
-        if now.saturating_duration_since(newest.at) > silent + PREDICTED {
-            let report = LossReport {
-                next: newest.next,
-                abandoned: Low16(0),
-                repair_symbols: 0,
-                lost: Vec::new(),
-            };
-            let report = Bytes::from(report.encode(newest.stream));
-            self.connection.send_state(report);
-        }
+        let report = LossReport {
+            next: newest.next,
+            abandoned: Low16(0),
+            repair_symbols: 0,
+            lost: Vec::new(),
+        };
+        let report = Bytes::from(report.encode(newest.stream));
+        // A connection that takes none has ended, which the next read says.
+        let _ = self.connection.send_datagram(report);
     }
 
-    fn read(&mut self, bytes: &[u8]) {
+    async fn read(&mut self, bytes: &[u8]) -> Result<(), Failure> {
         self.frames.push(bytes);
         while let Ok(Some(framed)) = self.frames.next_frame() {
             match ServerMessage::decode(&framed) {
                 Ok(Some(ServerMessage::Welcome(_))) => {
                     let choice = StreamChoice::Within(Tolerance::NORMAL);
-                    send(&self.connection, &ClientMessage::Join(choice));
+                    self.send(&ClientMessage::Join(choice)).await?;
                 }
                 Ok(Some(ServerMessage::SnapshotEnd)) => self.is_member = true,
                 _ => {}
             }
         }
+        Ok(())
     }
-}
 
-fn send(connection: &QuicClient, message: &ClientMessage) {
-    let mut bytes = Vec::new();
-    message.encode(&mut bytes);
-    connection.send_control(Bytes::from(bytes));
+    async fn send(&mut self, message: &ClientMessage) -> Result<(), Failure> {
+        let mut bytes = Vec::new();
+        message.encode(&mut bytes);
+        Ok(self.requests.write_all(&bytes).await?)
+    }
 }
 
 /// Time between two commands of a commander.
