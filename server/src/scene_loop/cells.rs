@@ -1,6 +1,6 @@
 //! Members that take a scene by cells: their requests and streams.
 //!
-//! Which bodies a cell has is decided in `cells`, which knows no members.
+//! Which bodies a cell has is decided in `bodies_by_cell`, which knows no members.
 
 use rhumb_protocol::Peer;
 use rhumb_protocol::limits::CELLS_PER_MEMBER_MAX;

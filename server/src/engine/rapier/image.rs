@@ -11,9 +11,9 @@ use rhumb_protocol::wire::bytes::{Reader, Writer};
 use rhumb_protocol::wire::{Malformed, Wire};
 use rhumb_reckoning::BodyId;
 
+use super::joints::RapierJoints;
 use super::locomotion::RapierCharacters;
 use super::locomotion::RapierVehicles;
-use super::motors::RapierJoints;
 use super::rest_and_spin::RapierRest;
 use super::rest_and_spin::RapierSpin;
 use super::threads::StepThreads;
