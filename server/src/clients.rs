@@ -415,14 +415,18 @@ impl AuthorityTable {
         }
     }
 
-    /// Ends a member's authority; its bodies stand still.
+    /// Ends a member's authority; its bodies stand still. It does not have to learn which of them have left the scene.
     pub(crate) fn end(&mut self, peer: Peer, clients: &mut Clients) {
+        self.removed.retain(|(of, _)| *of != peer);
+        self.end_group(peer, clients);
+    }
+
+    fn end_group(&mut self, peer: Peer, clients: &mut Clients) {
         let member = clients.member_mut(peer);
         let Some(group) = member.and_then(|member| member.authority.take()) else {
             return;
         };
         self.authorities.retain(|_, authority| *authority != peer);
-        self.removed.retain(|(of, _)| *of != peer);
         if group.is_silent() {
             self.released.extend(group.bodies());
         }
@@ -441,7 +445,7 @@ impl AuthorityTable {
         if let Some(group) = &mut member.authority {
             group.remove(id);
             if group.bodies().next().is_none() {
-                self.end(peer, clients);
+                self.end_group(peer, clients);
             }
         }
         self.removed.extend(is_by_cells.then_some((peer, id)));

@@ -6,6 +6,7 @@
 //! thousand bodies would measure the copies. It reports no losses, and asks what a member asks whose view has no news. When
 //! its connection ends it comes back, as often as that happens.
 
+use std::fmt::Display;
 use std::net::{Ipv4Addr, SocketAddr};
 use std::num::NonZeroU32;
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
@@ -211,7 +212,7 @@ impl Resets {
     }
 }
 
-/// Followers of one place, all on one thread: with a thread for each, a load would measure the threads.
+/// Followers of one place, on one thread: with a thread for each, a load would measure the threads.
 pub(super) struct Crowd {
     followers: u32,
     thread: JoinHandle<()>,
@@ -240,8 +241,27 @@ struct Absence {
 /// What the followers of a crowd have in common.
 struct RunningCrowd {
     place: Place,
-    joined: Sender<()>,
+    /// Tells who waits for a follower that it is a member, or why it is none yet.
+    joined: Sender<Result<(), Failure>>,
     counts: Arc<Counts>,
+}
+
+/// What a follower is to its crowd.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Attendance {
+    /// It has not been a member.
+    New,
+    Member,
+    /// It was one, and is not back.
+    Absent,
+}
+
+/// The end of a connection.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Attended {
+    UntilLost,
+    /// The crowd has ended.
+    ToTheEnd,
 }
 
 /// A follower with a connection.
@@ -250,7 +270,6 @@ struct Follower {
     connection: Connection,
     requests: SendStream,
     frames: Frames,
-    is_member: bool,
     asks_at: Instant,
     /// Its newest packet; `None` before the first one.
     newest: Option<NewestPacket>,
@@ -300,10 +319,12 @@ impl Crowd {
         let thread = thread::spawn(move || runtime.block_on(running.run(entering)));
         for number in 0..followers {
             entrance.send(())?;
-            has_joined.recv_timeout(LIMIT).map_err(|_| {
-                let address = place.address;
-                format!("follower {number} was no member of {address} within {LIMIT:?}")
-            })?;
+            let address = place.address;
+            let refused = |cause: &dyn Display| format!("follower {number} of {address}: {cause}");
+            has_joined
+                .recv_timeout(LIMIT)
+                .map_err(|_| refused(&format!("no member within {LIMIT:?}")))?
+                .map_err(|cause| refused(&cause))?;
             entered();
         }
         Ok(Self {
@@ -368,17 +389,26 @@ impl RunningCrowd {
 
     /// One follower, as often as its connection ends, until the crowd ends.
     async fn follow(&self, mut has_ended: watch::Receiver<()>) {
+        let mut attendance = Attendance::New;
         loop {
-            let over = tokio::select! {
+            let opened = tokio::select! {
                 _ = has_ended.changed() => return,
-                opened = timeout(LIMIT, self.open()) => match opened {
-                    Ok(Ok((follower, news))) => self.attend(follower, news, &mut has_ended).await,
-                    // No answer: the next attempt does the same.
-                    Ok(Err(_)) | Err(_) => false,
-                },
+                opened = timeout(LIMIT, self.open()) => opened,
             };
-            if over {
-                return;
+            let opened =
+                opened.unwrap_or_else(|_| Err(format!("no answer within {LIMIT:?}").into()));
+            match opened {
+                Ok((follower, news)) => {
+                    let attended = self.attend((follower, news), &mut attendance, &mut has_ended);
+                    if attended.await == Attended::ToTheEnd {
+                        return;
+                    }
+                }
+                // One that was a member tries again, as often as it takes.
+                Err(cause) if attendance == Attendance::New => {
+                    let _ = self.joined.send(Err(cause));
+                }
+                Err(_) => {}
             }
             sleep(AGAIN).await;
         }
@@ -400,7 +430,6 @@ impl RunningCrowd {
             connection,
             requests,
             frames: Frames::new(),
-            is_member: false,
             asks_at: Instant::now() + SILENCE,
             newest: None,
         };
@@ -413,13 +442,13 @@ impl RunningCrowd {
         Ok((follower, news))
     }
 
-    /// Receives until the connection ends, or the crowd: true.
+    /// Receives until the connection or the crowd ends.
     async fn attend(
         &self,
-        mut follower: Follower,
-        mut news: RecvStream,
+        (mut follower, mut news): (Follower, RecvStream),
+        attendance: &mut Attendance,
         has_ended: &mut watch::Receiver<()>,
-    ) -> bool {
+    ) -> Attended {
         let asks_at = sleep_until(follower.asks_at.into());
         tokio::pin!(asks_at);
         loop {
@@ -430,51 +459,57 @@ impl RunningCrowd {
                         let packets = u64::from(follower.note_packet(&bytes));
                         self.counts.packets.fetch_add(packets, Ordering::Relaxed);
                     }
-                    Err(_) => return self.lose(&follower),
+                    Err(_) => return self.lose(attendance),
                 },
                 received = news.read_chunk(READ_BYTES_MAX, true) => {
-                    let was_member = follower.is_member;
                     let read = match received {
                         Ok(Some(chunk)) => follower.read(&chunk.bytes).await,
                         Ok(None) | Err(_) => Err("the stream has ended".into()),
                     };
-                    if read.is_err() {
-                        return self.lose(&follower);
-                    }
-                    if follower.is_member && !was_member {
-                        self.note_member();
+                    match read {
+                        Ok(true) => self.note_member(attendance),
+                        Ok(false) => {}
+                        Err(_) => return self.lose(attendance),
                     }
                 }
-                () = &mut asks_at => follower.ask(),
-            }
-            if asks_at.deadline() != follower.asks_at.into() {
-                asks_at.as_mut().reset(follower.asks_at.into());
+                () = &mut asks_at => {
+                    // Each packet postpones the question.
+                    if Instant::now() >= follower.asks_at {
+                        follower.ask();
+                    }
+                    asks_at.as_mut().reset(follower.asks_at.into());
+                }
             }
         }
         let code = VarInt::from_u32(TransportCode::LEFT.0);
         follower.connection.close(code, b"");
         // A connection that is not closed in order ends with the process.
         let _ = timeout(CLOSES, follower.endpoint.wait_idle()).await;
-        true
+        Attended::ToTheEnd
     }
 
-    fn note_member(&self) {
-        // One that comes back is not awaited.
-        let _ = self.joined.send(());
-        let mut absence = self.counts.absence();
-        if absence.absent > 0 {
-            absence.absent -= 1;
-            absence.back_at = Some(Instant::now());
+    fn note_member(&self, attendance: &mut Attendance) {
+        match std::mem::replace(attendance, Attendance::Member) {
+            Attendance::New => {
+                // Who waited may have given up.
+                let _ = self.joined.send(Ok(()));
+            }
+            Attendance::Absent => {
+                let mut absence = self.counts.absence();
+                absence.absent -= 1;
+                absence.back_at = Some(Instant::now());
+            }
+            Attendance::Member => {}
         }
     }
 
-    /// Notes the end of a connection; the crowd continues.
-    fn lose(&self, lost: &Follower) -> bool {
-        if lost.is_member {
+    fn lose(&self, attendance: &mut Attendance) -> Attended {
+        if *attendance == Attendance::Member {
+            *attendance = Attendance::Absent;
             self.counts.lost.fetch_add(1, Ordering::Relaxed);
             self.counts.absence().absent += 1;
         }
-        false
+        Attended::UntilLost
     }
 }
 
@@ -527,19 +562,21 @@ impl Follower {
         let _ = self.connection.send_datagram(report);
     }
 
-    async fn read(&mut self, bytes: &[u8]) -> Result<(), Failure> {
+    /// Answers what the server says; true once it says that the follower is a member.
+    async fn read(&mut self, bytes: &[u8]) -> Result<bool, Failure> {
         self.frames.push(bytes);
+        let mut is_member = false;
         while let Ok(Some(framed)) = self.frames.next_frame() {
             match ServerMessage::decode(&framed) {
                 Ok(Some(ServerMessage::Welcome(_))) => {
                     let choice = StreamChoice::Within(Tolerance::NORMAL);
                     self.send(&ClientMessage::Join(choice)).await?;
                 }
-                Ok(Some(ServerMessage::SnapshotEnd)) => self.is_member = true,
+                Ok(Some(ServerMessage::SnapshotEnd)) => is_member = true,
                 _ => {}
             }
         }
-        Ok(())
+        Ok(is_member)
     }
 
     async fn send(&mut self, message: &ClientMessage) -> Result<(), Failure> {

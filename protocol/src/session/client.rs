@@ -528,6 +528,7 @@ impl ClientSession {
                 tick,
                 since_tick_ns,
             } => {
+                self.membership.cells.handle_pong(sent);
                 let is_member = self.state == ClientState::Member;
                 let scene = self.config.as_ref().filter(|_| is_member);
                 let since_tick = Span::from_nanos(since_tick_ns);

@@ -397,8 +397,8 @@ impl RunningScene {
         }
         for id in &removed {
             self.streams.remove(*id);
+            self.authority_table.remove(*id, clients);
             if self.scene.body(*id).is_none() {
-                self.authority_table.remove(*id, clients);
                 self.load.remove_body();
             }
             let cause = RemovalCause::Command;

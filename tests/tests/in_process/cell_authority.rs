@@ -264,6 +264,29 @@ fn a_publisher_learns_that_a_body_was_removed_out_of_its_cells() {
 }
 
 #[test]
+fn a_publisher_learns_of_bodies_that_are_removed_at_once() {
+    for order in [[0, 1], [1, 0]] {
+        let mut divided = Divided::with_authority();
+        divided.events();
+        for at in order {
+            let owner = divided.table.session(divided.owner);
+            let removal = Command::RemoveBody { id: body(OWN[at]) };
+            owner.command(removal).expect("a member");
+        }
+        divided.steps(2);
+        let news = divided.news();
+        assert_eq!(news.len(), 2, "{news:?}");
+        let is_told = |index: &u32| news.contains(&removed(*index));
+        assert!(OWN.iter().all(is_told), "{news:?}");
+        // A later denial is an answer.
+        divided.take_authority(&OWN[..1]);
+        divided.steps(2);
+        let unknown = Event::AuthorityDenied(AuthorityError::UnknownBody(body(OWN[0])));
+        assert_eq!(divided.news(), [unknown]);
+    }
+}
+
+#[test]
 fn a_publisher_learns_of_a_removal_while_it_leaves_the_cell() {
     let mut divided = Divided::with_authority();
     divided.events();

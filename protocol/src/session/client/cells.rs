@@ -3,7 +3,8 @@
 //! A cell sends and requests as a scene does, so that a subscription serves both. The scene's own has the bodies that
 //! are in no cell, and the shapes of all. A datagram and a timer concern one cell: the others cost nothing then, unless a copy
 //! waits to be shown, which depends on all. Invariant: a message of a cell that was given up, or of an earlier time that it was
-//! taken, changes nothing.
+//! taken, changes nothing. An answer does not say to which request; so a cell that was given up with a request unanswered is
+//! followed by a ping, and what comes of the cell before the pong is skipped (PROTOCOL 15-6).
 
 use alloc::collections::{BTreeMap, BTreeSet, VecDeque};
 use alloc::vec::Vec;
@@ -54,6 +55,9 @@ pub(super) struct CellSubscriptions {
     unsettled: BTreeSet<Cell>,
     /// When a cell has something to report.
     timers: BTreeSet<(Instant, Cell)>,
+    /// Cells that were given up with a request unanswered, by the ping after that.
+    given_up: BTreeMap<Cell, Instant>,
+    pings: u64,
 }
 
 /// One cell that the application wants.
@@ -94,6 +98,14 @@ impl CellSubscriptions {
         }
     }
 
+    /// What is left after a membership: the numbers of its pings are not used again.
+    pub(super) fn after_membership(&self) -> Self {
+        Self {
+            pings: self.pings,
+            ..Self::default()
+        }
+    }
+
     /// Begins with the grid of the joined scene; asks for the cells that an earlier connection had.
     pub(super) fn begin(&mut self, extensions: &Extensions, outbox: &mut ClientOutbox) {
         if self.is_open {
@@ -126,6 +138,9 @@ impl CellSubscriptions {
             return Err(Misuse::CellPlace(*cell));
         }
         let is_open = self.is_open;
+        // A moment that no clock reaches: the pong is none of the clock's.
+        let ping = Instant::from_nanos(u64::MAX - self.pings);
+        let mut pings = false;
         self.taken.retain(|cell, taken| {
             let stays = wanted.contains_key(cell);
             if !stays {
@@ -135,10 +150,18 @@ impl CellSubscriptions {
                 set_timer(&mut self.timers, *cell, (&mut taken.due, None));
                 if is_open {
                     taken.subscription.send(CellRequest::Leave, outbox);
+                    if taken.subscription.awaits_snapshot() {
+                        self.given_up.insert(*cell, ping);
+                        pings = true;
+                    }
                 }
             }
             stays
         });
+        if pings {
+            outbox.send(&ClientMessage::Ping { sent: ping });
+            self.pings += 1;
+        }
         for (cell, choice) in wanted {
             let is_new = !self.taken.contains_key(cell);
             let taken = self.taken.entry(*cell).or_insert_with(|| {
@@ -153,6 +176,11 @@ impl CellSubscriptions {
             taken.choice = *choice;
         }
         Ok(())
+    }
+
+    /// Notes that all is there that the server sent before it answered a ping.
+    pub(super) fn handle_pong(&mut self, sent: Instant) {
+        self.given_up.retain(|_, ping| *ping != sent);
     }
 
     /// Lets the copies wait for a tick that is requested now.
@@ -181,16 +209,15 @@ impl CellSubscriptions {
         (scene, config): (&Replica, &SceneConfig),
         outbox: &mut ClientOutbox,
     ) -> Result<Vec<BodyId>, CloseCode> {
-        let Some(taken) = self.taken.get_mut(&cell) else {
+        let taken = self.taken.get_mut(&cell);
+        let Some(taken) = taken.filter(|_| !self.given_up.contains_key(&cell)) else {
             return Ok(Vec::new());
         };
         self.touched.insert(cell);
         let subscription = &mut taken.subscription;
         match news {
-            CellNews::Joined(start) if subscription.is_of_former_request(start.choice) => {}
             CellNews::Joined(start) => {
                 self.unsettled.insert(cell);
-                taken.denied = None;
                 let joined = Joined {
                     choice: start.choice,
                     config: *config,
@@ -256,9 +283,7 @@ impl CellSubscriptions {
             }
             return;
         }
-        let shown = self.taken.values().filter(|taken| taken.is_shown);
-        let live = shown.filter_map(|taken| taken.subscription.live());
-        let of_cells = live.map(|copy| copy.stream().complete());
+        let of_cells = self.copies().map(|(_, copy)| copy.stream().complete());
         let complete = scene.map(|scene| scene.stream().complete());
         let complete = complete.into_iter().chain(of_cells).min();
         let complete = complete.unwrap_or_default();

@@ -33,6 +33,8 @@ pub(super) struct ClientMembership {
     pub(super) upstream: ClientUpstream,
     /// Bodies under authority whose removal a member by cells knows by scene events; a denial is to say it once more.
     removed: Vec<BodyId>,
+    /// True after a message of which a body under authority may be known that was not before.
+    has_news: bool,
     held_events: HeldEvents,
     queries: u64,
     /// Messages of queries over the earlier connections of the session.
@@ -51,6 +53,7 @@ impl ClientMembership {
             cells: CellSubscriptions::default(),
             upstream,
             removed: Vec::new(),
+            has_news: false,
             held_events: HeldEvents::default(),
             queries: 0,
             queries_before: 0,
@@ -68,7 +71,10 @@ impl ClientMembership {
 
     /// Ends the membership.
     pub(super) fn end(&mut self) {
-        *self = Self::new(self.upstream.largest_packet());
+        *self = Self {
+            cells: self.cells.after_membership(),
+            ..Self::new(self.upstream.largest_packet())
+        };
     }
 
     /// Numbers queries from zero on, as the server does after a join.
@@ -125,7 +131,8 @@ impl ClientMembership {
         self.subscription.update(now, outbox, events);
         self.cells
             .update(now, self.subscription.shown(), outbox, events);
-        if let Some(config) = config.filter(|_| self.upstream.waits()) {
+        let learns = core::mem::take(&mut self.has_news) && self.upstream.waits();
+        if let Some(config) = config.filter(|_| learns) {
             let copies: Vec<_> = copies(&self.subscription, &self.cells).collect();
             let bodies = self.upstream.learn(config, &copies);
             events.extend(bodies.map(Event::AuthorityGrant));
@@ -178,6 +185,7 @@ impl ClientMembership {
         outbox: &mut ClientOutbox,
         events: &mut VecDeque<Event>,
     ) -> Result<(), CloseCode> {
+        self.has_news = true;
         let scene = self.subscription.shown().zip(config);
         let scene = scene.ok_or(CloseCode::VIOLATION)?;
         let bodies = self.cells.handle_news(cell, news, scene, outbox)?;
@@ -208,6 +216,7 @@ impl ClientMembership {
         outbox: &mut ClientOutbox,
         events: &mut VecDeque<Event>,
     ) -> Result<(), CloseCode> {
+        self.has_news = true;
         match message {
             ServerMessage::SceneEvent(scene_event) => {
                 self.handle_scene_event(&scene_event, events)?;

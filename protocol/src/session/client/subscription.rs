@@ -98,21 +98,9 @@ impl Subscription {
         self.awaited = self.awaited.max(to);
     }
 
-    /// True for a snapshot that answers a request from before the cell was given up. Without a copy, no other is to come than
-    /// the requested one.
-    pub(super) fn is_of_former_request(&self, choice: StreamChoice) -> bool {
-        self.newest().is_none()
-            && self
-                .requested()
-                .is_some_and(|requested| requested != choice)
-    }
-
     /// Begins the replica that the following snapshot fills.
     pub(super) fn begin_snapshot(&mut self, joined: &Joined, outbox: &mut ClientOutbox) {
-        // A snapshot that was not requested: what was taken for the answer before was that of an earlier request.
-        let is_answer = self.resyncing || self.requested() == Some(joined.choice);
         self.replica_switch.begin(joined);
-        self.replica_switch.has_ended |= self.cell.is_some() && !is_answer;
         self.stream_selection.handle_joined(joined.choice);
         self.request_stream(outbox);
     }
@@ -282,12 +270,6 @@ impl Subscription {
         self.replica_switch.shown()
     }
 
-    /// The same, unless the server has ended its stream.
-    pub(super) fn live(&self) -> Option<&Replica> {
-        let shown = self.replica_switch.shown();
-        shown.filter(|_| !self.replica_switch.has_ended)
-    }
-
     /// See [`Self::shown`].
     pub(super) const fn shown_mut(&mut self) -> Option<&mut Replica> {
         self.replica_switch.shown_mut()
@@ -323,7 +305,7 @@ impl Subscription {
     }
 
     /// True if a requested snapshot is pending, of the present stream or of another one.
-    const fn awaits_snapshot(&self) -> bool {
+    pub(super) const fn awaits_snapshot(&self) -> bool {
         self.resyncing || self.stream_selection.awaits_answer()
     }
 
@@ -515,8 +497,6 @@ struct ReplicaSwitch {
     /// Of a cell: the tick up to which all cells are complete. A replica that begins later, or after what a view shows, is
     /// not shown yet.
     until: Option<Tick>,
-    /// Of a cell: true if the stream of the shown replica has ended, and the next one is to take its place.
-    has_ended: bool,
 }
 
 /// The part of the protocol to which a scene event belongs.
@@ -535,7 +515,6 @@ impl ReplicaSwitch {
             next: None,
             relays: false,
             until: None,
-            has_ended: false,
         }
     }
 
@@ -567,7 +546,6 @@ impl ReplicaSwitch {
         filling.ok_or(CloseCode::VIOLATION)?.end_snapshot();
         if self.shown.is_none() {
             self.shown = self.next.take();
-            self.has_ended = false;
         }
         Ok(())
     }
@@ -577,13 +555,10 @@ impl ReplicaSwitch {
     fn switch_when_caught_up(&mut self) -> Option<Replica> {
         let relays = self.relays;
         let shown = self.shown.as_mut()?;
-        let (until, has_ended) = (self.until, self.has_ended);
+        let until = self.until;
         let is_late = |next: &Replica| {
             let (stream, start) = (shown.stream(), next.stream().start());
-            let is_due = until.is_none_or(|until| match has_ended {
-                true => start <= until,
-                false => stream.is_shown_from(start, until),
-            });
+            let is_due = until.is_none_or(|until| stream.is_shown_from(start, until));
             !is_due && !stream.has_lost_sync()
         };
         let as_far = |next: &mut Replica| {
@@ -591,7 +566,6 @@ impl ReplicaSwitch {
             next.is_complete() && is_due
         };
         let mut next = self.next.take_if(as_far)?;
-        self.has_ended = false;
         next.take_over(shown);
         Some(core::mem::replace(shown, next))
     }
