@@ -19,7 +19,7 @@ pub struct Admission {
     pub slots: SceneSlots,
     /// Their load.
     pub load: ServerLoad,
-    /// The load of each tenant's.
+    /// The load of each tenant.
     pub tenants: TenantLoads,
 }
 

@@ -73,8 +73,8 @@ pub unsafe extern "C" fn rhumb_scene_cell_grid(scene: RhumbScene, edges: *mut f3
 ///
 /// The view has the bodies of these cells, each once, and those that are in no cell: bodies whose bounding radius is more than
 /// half of the shortest edge, such as floors. A body that leaves the cells is among `removed` of the poses, and no event tells of
-/// it: it was not removed from the scene. A scene that is not divided, more than 256 cells, and a point that is in no world are
-/// `RHUMB_CODE_INVALID`; then all stays as it was.
+/// it: it was not removed from the scene. A scene that is not divided, more than 256 cells, a point that is in no world, and a
+/// radius that is negative or not finite are `RHUMB_CODE_INVALID`; then all stays as it was.
 ///
 /// # Safety
 ///

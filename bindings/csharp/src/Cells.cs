@@ -132,8 +132,8 @@ namespace Rhumb
         ///
         /// The arrays have the bodies of these cells, each once, and those that are in no cell: bodies whose bounding radius is
         /// more than half of the shortest edge, such as floors. A body that leaves the cells is in Removed, and no event tells of
-        /// it. A scene that is not divided, more than 256 cells, and a point that is in no world are errors of the call; then all
-        /// stays as it was.
+        /// it. A scene that is not divided, more than 256 cells, a point that is in no world, and a radius that is negative or not
+        /// finite are errors of the call; then all stays as it was.
         /// </summary>
         public unsafe void TakeCellsAround(Vec3 point, params CellBand[] bands)
         {

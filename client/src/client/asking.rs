@@ -89,12 +89,10 @@ impl Client {
     /// of the bodies within tolerance.
     ///
     /// Returns the tick of the states. Returns `None`, and publishes nothing, before the authority is granted or while all of
-    /// the bodies wait for their cells, while the
-    /// session is interrupted and until it has the authority again, before the server's clock is known, and when a frame
-    /// falls on the same tick as the frame before. In lockstep the tick
-    /// is that of the next [`Self::advance`]. In a free-running scene it is the tick nearest to now by the server's
-    /// clock, plus the `lead_ticks` of the options; positions are extrapolated to it by their velocities, by half a
-    /// tick at most.
+    /// the bodies wait for their cells, while the session is interrupted and until it has the authority again, before the
+    /// server's clock is known, and when a frame falls on the same tick as the frame before. In lockstep the tick is that of
+    /// the next [`Self::advance`]. In a free-running scene it is the tick nearest to now by the server's clock, plus the
+    /// `lead_ticks` of the options; positions are extrapolated to it by their velocities, by half a tick at most.
     ///
     /// The view shows these bodies as the server has them; a simulator shows its own states.
     ///

@@ -134,7 +134,7 @@ impl CellGrid {
     }
 
     /// The cells within distances of a point, each with the choice of the nearest band that reaches it, in whatever order the
-    /// bands are given. `None` if they are more than [`CELLS_PER_MEMBER_MAX`].
+    /// bands are given. `Ok(None)` if they are more than [`CELLS_PER_MEMBER_MAX`].
     ///
     /// # Errors
     ///

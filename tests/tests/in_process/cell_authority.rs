@@ -276,8 +276,8 @@ fn a_publisher_learns_of_bodies_that_are_removed_at_once() {
         divided.steps(2);
         let news = divided.news();
         assert_eq!(news.len(), 2, "{news:?}");
-        let is_told = |index: &u32| news.contains(&removed(*index));
-        assert!(OWN.iter().all(is_told), "{news:?}");
+        let is_removed = |index: &u32| news.contains(&removed(*index));
+        assert!(OWN.iter().all(is_removed), "{news:?}");
         // A later denial is an answer.
         divided.take_authority(&OWN[..1]);
         divided.steps(2);

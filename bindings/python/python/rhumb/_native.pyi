@@ -868,8 +868,8 @@ class Scene:
         than half of the shortest edge, such as floors. A body that leaves the cells is among removed, and no event tells of it: it
         was not removed from the scene. It does not wait: cells tells which are there. A radius of 0 takes the cell that has the point.
 
-        Raises InvalidError for a scene whose cell_grid is None, for more than 256 cells, and for a point that is in no world; then
-        all stays as it was.
+        Raises InvalidError for a scene whose cell_grid is None, for more than 256 cells, for a point that is in no world, and for a
+        radius that is negative or not finite; then all stays as it was.
         """
     def take_cells(self, cells: Mapping[Tuple[int, int, int], Optional[float]]) -> None:
         """Takes these cells and no others, each with its tolerance in metres; None: exact states. As take_cells_around."""

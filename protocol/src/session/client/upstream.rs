@@ -5,8 +5,8 @@
 //!
 //! The server ends the authority with the connection. The next connection of a session requests it again.
 //!
-//! A body is predicted as its description says. One that is in no cell of a member by cells waits for that, also if it was
-//! granted: then nothing of it is published.
+//! A body is predicted as its description says. A member by cells has no description of a body outside its cells. Nothing of
+//! such a body is published, even if it was granted, until a cell tells of it.
 
 use alloc::collections::BTreeMap;
 use alloc::vec::Vec;
