@@ -473,12 +473,14 @@ impl RunningCrowd {
                     }
                 }
                 () = &mut asks_at => {
-                    // Each packet postpones the question.
                     if Instant::now() >= follower.asks_at {
                         follower.ask();
                     }
                     asks_at.as_mut().reset(follower.asks_at.into());
                 }
+            }
+            if asks_at.deadline() > follower.asks_at.into() {
+                asks_at.as_mut().reset(follower.asks_at.into());
             }
         }
         let code = VarInt::from_u32(TransportCode::LEFT.0);

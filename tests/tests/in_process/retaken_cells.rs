@@ -5,6 +5,7 @@ use std::collections::BTreeMap;
 use proptest::prelude::*;
 use rhumb_protocol::scene::Stepping;
 use rhumb_scene::engine::Engines;
+use rhumb_tests::{DeliveryAction, LossFilter};
 
 use crate::cell_members::{AWAY, BESIDE, Divided, HERE, within};
 
@@ -60,6 +61,7 @@ proptest! {
         is_lockstep in any::<bool>(),
         // The link says what it takes, so that the server answers some requests at a time.
         is_paced in any::<bool>(),
+        is_lossy in any::<bool>(),
         // Another member has the cells, whose streams last.
         has_others in any::<bool>(),
         last_body in 0..3_u32,
@@ -77,13 +79,21 @@ proptest! {
         if is_paced {
             divided.table.pace(divided.member);
         }
+        let mut datagrams = 0_u32..;
+        let lossy = LossFilter::new(move |_| match datagrams.next() {
+            Some(number) if is_lossy && number % 3 > 0 => DeliveryAction::Lost,
+            _ => DeliveryAction::Arrives,
+        });
+        divided.table.filter_downlink(divided.member, lossy);
         for change in &changes {
             divided.change(change);
         }
         divided.change(&Change::Take([Some(10), Some(50)]));
         divided.table.release(divided.member);
+        let reliable = LossFilter::new(|_| DeliveryAction::Arrives);
+        divided.table.filter_downlink(divided.member, reliable);
         divided.put(last_body, 12.0);
-        for _ in 0..if is_paced { 120 } else { 4 } {
+        for _ in 0..if is_paced || is_lossy { 120 } else { 4 } {
             divided.step();
         }
         let truth = divided.true_bodies();

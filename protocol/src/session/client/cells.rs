@@ -4,7 +4,7 @@
 //! are in no cell, and the shapes of all. A datagram and a timer concern one cell: the others cost nothing then, unless a copy
 //! waits to be shown, which depends on all. Invariant: a message of a cell that was given up, or of an earlier time that it was
 //! taken, changes nothing. An answer does not say to which request; so a cell that was given up with a request unanswered is
-//! followed by a ping, and what comes of the cell before the pong is skipped (PROTOCOL 15-6).
+//! followed by a ping, and what comes of the cell before the pong is skipped (PROTOCOL 15-17).
 
 use alloc::collections::{BTreeMap, BTreeSet, VecDeque};
 use alloc::vec::Vec;
@@ -56,7 +56,7 @@ pub(super) struct CellSubscriptions {
     /// When a cell has something to report.
     timers: BTreeSet<(Instant, Cell)>,
     /// Cells that were given up with a request unanswered, by the ping after that.
-    given_up: BTreeMap<Cell, Instant>,
+    given_up: Vec<(Cell, Instant)>,
     pings: u64,
 }
 
@@ -151,7 +151,8 @@ impl CellSubscriptions {
                 if is_open {
                     taken.subscription.send(CellRequest::Leave, outbox);
                     if taken.subscription.awaits_snapshot() {
-                        self.given_up.insert(*cell, ping);
+                        self.given_up.retain(|(before, _)| before != cell);
+                        self.given_up.push((*cell, ping));
                         pings = true;
                     }
                 }
@@ -180,7 +181,7 @@ impl CellSubscriptions {
 
     /// Notes that all is there that the server sent before it answered a ping.
     pub(super) fn handle_pong(&mut self, sent: Instant) {
-        self.given_up.retain(|_, ping| *ping != sent);
+        self.given_up.retain(|(_, ping)| *ping != sent);
     }
 
     /// Lets the copies wait for a tick that is requested now.
@@ -209,8 +210,9 @@ impl CellSubscriptions {
         (scene, config): (&Replica, &SceneConfig),
         outbox: &mut ClientOutbox,
     ) -> Result<Vec<BodyId>, CloseCode> {
-        let taken = self.taken.get_mut(&cell);
-        let Some(taken) = taken.filter(|_| !self.given_up.contains_key(&cell)) else {
+        let is_given_up = self.given_up.iter().any(|(given_up, _)| *given_up == cell);
+        let taken = self.taken.get_mut(&cell).filter(|_| !is_given_up);
+        let Some(taken) = taken else {
             return Ok(Vec::new());
         };
         self.touched.insert(cell);

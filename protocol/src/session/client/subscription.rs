@@ -329,7 +329,8 @@ impl Subscription {
     fn switch_replica(&mut self, outbox: &mut ClientOutbox, events: &mut VecDeque<Event>) {
         let shown = self.replica_switch.shown();
         let is_live = shown.is_some_and(|replica| !replica.stream().has_lost_sync());
-        if self.stream_selection.awaits_answer() && is_live {
+        // A cell with an ended stream would hold up the ticks of all: what is between is not shown even in place of a lost one.
+        if self.stream_selection.awaits_answer() && (is_live || self.cell.is_some()) {
             return;
         }
         let Some(before) = self.replica_switch.switch_when_caught_up() else {
